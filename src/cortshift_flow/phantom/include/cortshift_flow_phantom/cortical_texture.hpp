@@ -1,0 +1,60 @@
+// A procedural cortex: colour of the exposed brain at any material point, analytic and repeatable.
+// Both phantoms (planar Eq. 6-8, and the stereo phantom) paint with it.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+namespace cortshift_flow_phantom {
+
+/// Height of the gyral relief and its derivatives at one material point.
+struct Relief {
+  double height;  ///< [m]; 0 on the crowns, negative in the sulci
+  double dx, dy;  ///< slope
+};
+
+class CorticalTexture {
+ public:
+  struct Settings {
+    std::uint32_t seed = 1;
+    double half_extent = 0.055;    ///< vessels are grown over [-half_extent, half_extent]^2 [m]
+    double sulcus_depth = 0.0012;  ///< [m]
+    double vein_diameter = 0.002;  ///< of the largest vessels [m]; branches taper to 0.2 mm
+  };
+
+  CorticalTexture() : CorticalTexture(Settings{}) {}
+  explicit CorticalTexture(const Settings& settings);
+
+  /// Colour at material point (x, y) [m]: blue, green, red, each 0...1.
+  cv::Vec3f colour(double x, double y) const;
+
+  /// Gyral relief at (x, y) [m].
+  Relief relief(double x, double y) const;
+
+ private:
+  struct Segment {
+    double x0, y0, r0, x1, y1, r1;  // ends and radii [m]
+    bool vein;
+  };
+  struct Wave {
+    double kx, ky, phase;
+  };
+
+  void growVessels();
+  void growVessel(double x, double y, double heading, double radius, bool vein, int generation);
+  void indexSegments();
+  double gyralField(double x, double y, double* dx, double* dy) const;
+  double tissueNoise(double x, double y) const;
+
+  Settings settings_;
+  std::uint64_t random_state_;
+  std::array<Wave, 9> gyral_waves_;
+  std::vector<Segment> segments_;
+  std::vector<std::vector<int>> cells_;  // segments near each cell of a square grid
+  int cells_per_side_ = 0;
+};
+
+}  // namespace cortshift_flow_phantom
