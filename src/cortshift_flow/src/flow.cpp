@@ -1,10 +1,9 @@
 #include "cortshift_flow/flow.hpp"
 
-#include <stdexcept>
-#include <string>
-
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
+#include <stdexcept>
+#include <string>
 
 namespace cortshift_flow {
 namespace {
@@ -33,7 +32,8 @@ cv::Mat consistency(const cv::Mat& forward, const cv::Mat& backward) {
 }  // namespace
 
 void FlowSettings::validate() const {
-  if (threads < 0) throw std::invalid_argument("threads = " + std::to_string(threads) + " is not allowed; 0 or more is");
+  if (threads < 0)
+    throw std::invalid_argument("threads = " + std::to_string(threads) + " is not allowed; 0 or more is");
 }
 
 FlowResult computeFlow(const cv::Mat& first, const cv::Mat& second, const cv::Mat& mask, const cv::Mat& second_mask,

@@ -27,8 +27,8 @@ void StereoModel::validate() const {
   validateCamera(left, "left");
   validateCamera(right, "right");
   if (left.size != right.size)
-    throw CalibrationError("camera_info: left images are " + describe(left.size) + ", right ones " + describe(right.size) +
-                           "; both cameras must have one size");
+    throw CalibrationError("camera_info: left images are " + describe(left.size) + ", right ones " +
+                           describe(right.size) + "; both cameras must have one size");
   constexpr double kFocalTolerance = 1e-6;
   if (std::abs(left.P(0, 0) - right.P(0, 0)) > kFocalTolerance * left.P(0, 0) ||
       std::abs(left.P(1, 1) - right.P(1, 1)) > kFocalTolerance * left.P(1, 1) ||

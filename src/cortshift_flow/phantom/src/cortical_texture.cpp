@@ -7,12 +7,12 @@ namespace cortshift_flow_phantom {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr double kCell = 0.001;              // side of an index cell [m]
-constexpr double kStep = 0.0004;             // length of a vessel segment [m]
-constexpr double kSmallestRadius = 0.0001;   // [m]
-constexpr double kWallSoftness = 0.00004;    // half width of a vessel's edge [m]
-constexpr double kGyralWavelength = 0.021;   // [m]
-constexpr double kSulcusWidth = 0.16;        // in units of the gyral field, which spans about -1...1
+constexpr double kCell = 0.001;             // side of an index cell [m]
+constexpr double kStep = 0.0004;            // length of a vessel segment [m]
+constexpr double kSmallestRadius = 0.0001;  // [m]
+constexpr double kWallSoftness = 0.00004;   // half width of a vessel's edge [m]
+constexpr double kGyralWavelength = 0.021;  // [m]
+constexpr double kSulcusWidth = 0.16;       // in units of the gyral field, which spans about -1...1
 
 std::uint64_t mix(std::uint64_t z) {
   z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
@@ -46,7 +46,8 @@ double gradientNoise(double x, double y, std::uint64_t seed) {
   const double fx = x - bx, fy = y - by;
   const double sx = smoothStep(0, 1, fx), sy = smoothStep(0, 1, fy);
   const double a = latticeGradient(ix, iy, seed, fx, fy), b = latticeGradient(ix + 1, iy, seed, fx - 1, fy);
-  const double c = latticeGradient(ix, iy + 1, seed, fx, fy - 1), e = latticeGradient(ix + 1, iy + 1, seed, fx - 1, fy - 1);
+  const double c = latticeGradient(ix, iy + 1, seed, fx, fy - 1),
+               e = latticeGradient(ix + 1, iy + 1, seed, fx - 1, fy - 1);
   const double top = a + sx * (b - a), bottom = c + sx * (e - c);
   return top + sy * (bottom - top);
 }
@@ -57,9 +58,11 @@ cv::Vec3d blend(const cv::Vec3d& under, const cv::Vec3d& over, double opacity) {
 
 }  // namespace
 
-CorticalTexture::CorticalTexture(const Settings& settings) : settings_(settings), random_state_(mix(settings.seed + 1ULL)) {
+CorticalTexture::CorticalTexture(const Settings& settings)
+    : settings_(settings), random_state_(mix(settings.seed + 1ULL)) {
   for (std::size_t i = 0; i < gyral_waves_.size(); ++i) {
-    const double direction = kPi * (static_cast<double>(i) + uniform(random_state_)) / static_cast<double>(gyral_waves_.size());
+    const double direction =
+        kPi * (static_cast<double>(i) + uniform(random_state_)) / static_cast<double>(gyral_waves_.size());
     const double wavelength = kGyralWavelength * (0.75 + 0.5 * uniform(random_state_));
     gyral_waves_[i] = {2 * kPi / wavelength * std::cos(direction), 2 * kPi / wavelength * std::sin(direction),
                        2 * kPi * uniform(random_state_)};
@@ -146,7 +149,9 @@ void CorticalTexture::indexSegments() {
   for (std::size_t i = 0; i < segments_.size(); ++i) {
     const Segment& s = segments_[i];
     const double reach = std::max(s.r0, s.r1) + 2 * kWallSoftness;
-    const auto cellOf = [&](double v) { return std::clamp(static_cast<int>((v - origin) / kCell), 0, cells_per_side_ - 1); };
+    const auto cellOf = [&](double v) {
+      return std::clamp(static_cast<int>((v - origin) / kCell), 0, cells_per_side_ - 1);
+    };
     for (int cy = cellOf(std::min(s.y0, s.y1) - reach); cy <= cellOf(std::max(s.y0, s.y1) + reach); ++cy)
       for (int cx = cellOf(std::min(s.x0, s.x1) - reach); cx <= cellOf(std::max(s.x0, s.x1) + reach); ++cx)
         cells_[static_cast<std::size_t>(cy) * cells_per_side_ + cx].push_back(static_cast<int>(i));
@@ -176,7 +181,8 @@ cv::Vec3f CorticalTexture::colour(double x, double y) const {
   colour += cv::Vec3d(0.085, 0.085, 0.065) * noise;
 
   const double origin = -0.5 * 2.4 * settings_.half_extent;
-  const int cx = static_cast<int>(std::floor((x - origin) / kCell)), cy = static_cast<int>(std::floor((y - origin) / kCell));
+  const int cx = static_cast<int>(std::floor((x - origin) / kCell)),
+            cy = static_cast<int>(std::floor((y - origin) / kCell));
   if (cx < 0 || cy < 0 || cx >= cells_per_side_ || cy >= cells_per_side_) return cv::Vec3f(colour);
   double vein = 0, artery = 0, lumen = 0;
   for (const int index : cells_[static_cast<std::size_t>(cy) * cells_per_side_ + cx]) {

@@ -1,11 +1,10 @@
 // The calibrated stereo head: what a pair of sensor_msgs/CameraInfo says, without ROS.
 #pragma once
 
+#include <opencv2/core.hpp>
 #include <stdexcept>
 #include <string>
 #include <vector>
-
-#include <opencv2/core.hpp>
 
 namespace cortshift_stereo {
 
@@ -17,11 +16,11 @@ class CalibrationError : public std::runtime_error {
 
 /// One camera: pinhole with plumb_bob distortion (Ji et al. 2014, Eq. 1) and its rectification.
 struct CameraModel {
-  cv::Size size;                   ///< [px]
-  cv::Matx33d K = cv::Matx33d::eye();   ///< raw intrinsics [px]
-  std::vector<double> D;           ///< k1 k2 p1 p2 k3; empty or shorter: the rest is 0
-  cv::Matx33d R = cv::Matx33d::eye();   ///< raw camera coordinates to rectified ones
-  cv::Matx34d P = cv::Matx34d::zeros(); ///< rectified projection; P(0,3) = -fx * baseline for the right camera [px m]
+  cv::Size size;                         ///< [px]
+  cv::Matx33d K = cv::Matx33d::eye();    ///< raw intrinsics [px]
+  std::vector<double> D;                 ///< k1 k2 p1 p2 k3; empty or shorter: the rest is 0
+  cv::Matx33d R = cv::Matx33d::eye();    ///< raw camera coordinates to rectified ones
+  cv::Matx34d P = cv::Matx34d::zeros();  ///< rectified projection; P(0,3) = -fx * baseline for the right camera [px m]
 };
 
 /// Both cameras of the microscope.

@@ -1,0 +1,118 @@
+// Reads a node's private parameters into its parameter struct; what is wrong stops the node with a message.
+#pragma once
+
+#include <ros/ros.h>
+
+#include <set>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace cortshift_stereo {
+
+/// A parameter that is missing, unknown, of the wrong type or out of range. The message names key, value and range.
+class ParameterError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// Usage: one call per member of the struct (its initial value is the default), then finish().
+class ParameterReader {
+ public:
+  explicit ParameterReader(const ros::NodeHandle& private_node) : node_(private_node) {}
+
+  /// A number within [low, high]; the present value of `value` is the default.
+  template <typename Number>
+  void number(const std::string& key, Number& value, Number low, Number high) {
+    optional(key, value);
+    if (!(value >= low && value <= high)) fail(key, value, "allowed is " + text(low) + " ... " + text(high));
+  }
+
+  /// A text out of `allowed` (empty: any text).
+  void choice(const std::string& key, std::string& value, const std::vector<std::string>& allowed = {}) {
+    optional(key, value);
+    if (allowed.empty()) return;
+    std::string list;
+    for (const std::string& option : allowed) {
+      if (option == value) return;
+      list += (list.empty() ? "" : ", ") + option;
+    }
+    fail(key, value, "allowed is one of " + list);
+  }
+
+  void flag(const std::string& key, bool& value) { optional(key, value); }
+
+  /// A list of exactly `size` numbers, or an empty one where the default is empty and nothing is given.
+  void numbers(const std::string& key, std::vector<double>& value, std::size_t size) {
+    const std::vector<double> standard = value;
+    optional(key, value);
+    if (value.size() != size && !(standard.empty() && value.empty()))
+      fail(key, value, "allowed is a list of " + text(size) + " numbers");
+  }
+
+  /// A text that must be given.
+  void required(const std::string& key, std::string& value) {
+    value.clear();
+    optional(key, value);
+    if (value.empty())
+      throw ParameterError("parameter " + name(key) + " is missing; set it in the launch file or config");
+  }
+
+  /// Refuses parameters that nobody has read and logs the configuration in force.
+  void finish() {
+    std::vector<std::string> names;
+    node_.getParamNames(names);
+    const std::string prefix = node_.getNamespace() + "/";
+    for (const std::string& full : names) {
+      if (full.compare(0, prefix.size(), prefix) != 0) continue;
+      const std::string key = full.substr(prefix.size());
+      if (known_.count(key) == 0 && known_.count(key.substr(0, key.find('/'))) == 0)
+        throw ParameterError("parameter " + full + " is unknown; known are:" + knownNames());
+    }
+    ROS_INFO_STREAM("configuration of " << node_.getNamespace() << ":" << log_.str());
+  }
+
+ private:
+  template <typename T>
+  void optional(const std::string& key, T& value) {
+    known_.insert(key);
+    if (node_.hasParam(key)) {
+      T given{};
+      if (!node_.getParam(key, given))
+        throw ParameterError("parameter " + name(key) + " is not of the type of its default (" + text(value) + ")");
+      value = given;
+    }
+    log_ << " " << key << "=" << text(value);
+  }
+
+  template <typename T>
+  [[noreturn]] void fail(const std::string& key, const T& value, const std::string& allowed) const {
+    throw ParameterError("parameter " + name(key) + " = " + text(value) + " is not allowed; " + allowed);
+  }
+
+  template <typename T>
+  static std::string text(const T& value) {
+    std::ostringstream out;
+    out << std::boolalpha << value;
+    return out.str();
+  }
+  static std::string text(const std::vector<double>& values) {
+    std::string out = "[";
+    for (const double v : values) out += (out.size() > 1 ? ", " : "") + text(v);
+    return out + "]";
+  }
+
+  std::string name(const std::string& key) const { return node_.getNamespace() + "/" + key; }
+  std::string knownNames() const {
+    std::string out;
+    for (const std::string& key : known_) out += " " + key;
+    return out;
+  }
+
+  ros::NodeHandle node_;
+  std::set<std::string> known_;
+  std::ostringstream log_;
+};
+
+}  // namespace cortshift_stereo
