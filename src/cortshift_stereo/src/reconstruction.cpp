@@ -47,12 +47,17 @@ double shareOfValid(const cv::Mat& disparity) {
 void checkMatch(const ReconstructionQuality& quality, const PairLimits& limits) {
   constexpr int kFewestCorners = 20;
   const EpipolarResidual& epipolar = quality.epipolar;
+  constexpr double kPlainlyBetter = 0.5;
+  if (epipolar.matched >= kFewestCorners && epipolar.spread_if_swapped < kPlainlyBetter * epipolar.spread)
+    throw PairError("swapped", "Left and right are swapped: the rows of the two images agree to " +
+                                   number(epipolar.spread_if_swapped) + " px when exchanged, but to " +
+                                   number(epipolar.spread) + " px as they are; exchange the cables or the topics.");
   if (epipolar.matched >= kFewestCorners && epipolar.spread > limits.max_epipolar_residual)
     throw PairError("epipolar", "The rows of the two images do not agree (median vertical gap " +
                                     number(epipolar.spread) + " px over " + std::to_string(epipolar.matched) +
                                     " corners, at most " + number(limits.max_epipolar_residual) +
-                                    " px is allowed): left and right are swapped, the images are not of one pair, or "
-                                    "the cameras moved since their calibration; calibrate again.");
+                                    " px is allowed): the images are not of one pair, or the "
+                                    "cameras moved since their calibration; calibrate again.");
   if (quality.coverage < limits.min_coverage)
     throw PairError("coverage", "Only " + number(100 * quality.coverage) +
                                     " % of the image could be matched, at least " + number(100 * limits.min_coverage) +
@@ -107,7 +112,7 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   dropUnusable(result.disparity, pair);
 
   quality.coverage = shareOfValid(result.disparity);
-  quality.epipolar = measureEpipolarResidual(pair, result.disparity);
+  quality.epipolar = measureEpipolarResidual(pair, result.disparity, rectifier);
   checkMatch(quality, limits);
 
   Surface& surface = result.surface_left;

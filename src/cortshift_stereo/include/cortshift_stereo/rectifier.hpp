@@ -33,6 +33,10 @@ class Rectifier {
   /// @throws std::invalid_argument otherwise
   RectifiedPair rectify(const cv::Mat& left, const cv::Mat& right) const;
 
+  /// CV_32FC2: raw position [px] of each pixel of a rectified image.
+  const cv::Mat& leftMap() const { return left_.map; }
+  const cv::Mat& rightMap() const { return right_.map; }
+
  private:
   struct Side {
     cv::Mat map;       // CV_32FC2 raw position of each rectified pixel [px]; far outside where there is none
