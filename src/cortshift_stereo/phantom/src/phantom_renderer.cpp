@@ -207,24 +207,24 @@ cv::Mat Sensor::expose(const cv::Mat& prepared, std::uint64_t frame, Side side) 
 PhantomPairs::PhantomPairs(std::shared_ptr<const PhantomScene> scene)
     : scene_(std::move(scene)), sensor_(scene_->description().image.noise, scene_->description().image.noise_seed) {}
 
+const PhantomPairs::Prepared& PhantomPairs::prepared(int stage) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  Prepared& entry = stages_[stage];
+  lock.unlock();
+  std::call_once(entry.once, [&] {
+    const ImageSettings& image = scene_->description().image;
+    const auto render = [&](Side side) {
+      return renderView(*scene_, stage, scene_->view(stage, side), image.supersampling);
+    };
+    entry.left = Sensor::prepare(render(Side::kLeft));
+    entry.right = Sensor::prepare(render(Side::kRight) * image.right_gain);
+  });
+  return entry;
+}
+
 StereoImages PhantomPairs::take(int stage, std::uint64_t frame) {
-  Prepared prepared;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    auto known = stages_.find(stage);
-    if (known == stages_.end()) {
-      const ImageSettings& image = scene_->description().image;
-      const auto render = [&](Side side) {
-        return renderView(*scene_, stage, scene_->view(stage, side), image.supersampling);
-      };
-      Prepared fresh;
-      fresh.left = Sensor::prepare(render(Side::kLeft));
-      fresh.right = Sensor::prepare(render(Side::kRight) * image.right_gain);
-      known = stages_.emplace(stage, fresh).first;
-    }
-    prepared = known->second;
-  }
-  return {sensor_.expose(prepared.left, frame, Side::kLeft), sensor_.expose(prepared.right, frame, Side::kRight)};
+  const Prepared& light = prepared(stage);
+  return {sensor_.expose(light.left, frame, Side::kLeft), sensor_.expose(light.right, frame, Side::kRight)};
 }
 
 }  // namespace cortshift_stereo_phantom
