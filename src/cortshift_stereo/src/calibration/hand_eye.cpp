@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <opencv2/calib3d.hpp>
 
 #include "least_squares.hpp"
@@ -152,13 +153,26 @@ void reject(std::vector<LocatedView>& views, std::size_t at, const std::string& 
   requireEnough(views, rejected);
 }
 
-/// Leave each view out in turn: one that spoils the closed-form solution stands out against the solution without it.
+/// The views that disagree most under the solution of all.
+std::vector<std::size_t> suspects(const std::vector<cv::Point3d>& board, const std::vector<LocatedView>& views) {
+  constexpr std::size_t kSuspects = 6;
+  const auto T_microscope_left = solveClosedForm(views, cv::CALIB_HAND_EYE_PARK);
+  if (!T_microscope_left) throw CalibrationError(kNotTogether);
+  const auto distances = BoardInReference(board, *T_microscope_left, views).distances(views);
+  std::vector<std::size_t> order(views.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return distances[a] > distances[b]; });
+  order.resize(std::min(order.size(), kSuspects));
+  return order;
+}
+
+/// Leave suspects out in turn: one that spoils the closed-form solution stands out against the solution without it.
 bool rejectWorstPose(const std::vector<cv::Point3d>& board, std::vector<LocatedView>& views,
                      std::vector<RejectedView>& rejected) {
   double best = std::numeric_limits<double>::infinity();
   std::size_t suspect = 0;
   double suspect_distance = 0, typical_distance = 0;
-  for (std::size_t i = 0; i < views.size(); ++i) {
+  for (const std::size_t i : suspects(board, views)) {
     auto others = views;
     others.erase(others.begin() + static_cast<std::ptrdiff_t>(i));
     const auto T_microscope_left = solveClosedForm(others, cv::CALIB_HAND_EYE_PARK);
