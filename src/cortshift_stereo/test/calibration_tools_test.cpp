@@ -11,7 +11,7 @@
 
 #include "cortshift_stereo/calibration/camera_info_yaml.hpp"
 #include "cortshift_stereo/calibration/hand_eye_yaml.hpp"
-#include "cortshift_stereo/calibration/settings_manifest.hpp"
+#include "cortshift_stereo/calibration/settings_warp.hpp"
 #include "real_chessboards.hpp"
 #include "rendered_board.hpp"
 #include "scratch_folder.hpp"
