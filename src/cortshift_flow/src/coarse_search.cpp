@@ -71,11 +71,13 @@ Features makeFeatures(const cv::Mat4f& image, const cv::Mat1b& valid, int pad, i
 CORTSHIFT_VECTORISED
 void addProducts(const float* const* a, const float* const* b, float* sum, int count) {
   const float *a0 = a[0], *a1 = a[1], *a2 = a[2], *b0 = b[0], *b1 = b[1], *b2 = b[2];
+#pragma GCC ivdep
   for (int x = 0; x < count; ++x) sum[x] = a0[x] * b0[x] + a1[x] * b1[x] + a2[x] * b2[x];
 }
 
 CORTSHIFT_VECTORISED
 void slideDown(float* column_sums, const float* entering, const float* leaving, int count) {
+#pragma GCC ivdep
   for (int x = 0; x < count; ++x) column_sums[x] += entering[x] - leaving[x];
 }
 
@@ -83,6 +85,7 @@ void slideDown(float* column_sums, const float* entering, const float* leaving, 
 CORTSHIFT_VECTORISED
 void keepBetter(const float* column_sums, int window, const float* norm_a, const float* norm_b, float du, float dv,
                 float* best, float* u, float* v, int count) {
+#pragma GCC ivdep
   for (int x = 0; x < count; ++x) {
     float sum = 0;
     for (int k = -window; k <= window; ++k) sum += column_sums[x + k];

@@ -155,6 +155,8 @@ void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, FlowPlanes& 
       for (int x = 0; x < width; ++x) {
         if (visible(y, x)) continue;
         known(y, x) = 0;
+        // Continuations vary slowly: one in four is enough, and its neighbours share it.
+        if ((x | y) & 1) continue;
         std::array<Continuation, 16> all;
         for (std::size_t k = 0; k < all.size(); ++k) {
           const double angle = 2 * CV_PI * static_cast<double>(k) / static_cast<double>(all.size());
@@ -168,6 +170,13 @@ void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, FlowPlanes& 
         hidden(y, x) = 1;
       }
   });
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      if (((x | y) & 1) && !visible(y, x) && hidden(y & ~1, x & ~1) > 0) {
+        candidates(y, x) = candidates(y & ~1, x & ~1);
+        evidence(y, x) = evidence(y & ~1, x & ~1);
+        hidden(y, x) = 1;
+      }
   // Neighbours decide together: the evidence of a single pixel is weak.
   const cv::Size vote(15, 15);
   cv::Mat1f evidence_sum, hidden_sum;

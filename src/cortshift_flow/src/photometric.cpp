@@ -12,6 +12,7 @@ namespace cortshift_flow {
 namespace {
 
 constexpr int kCells = 48;          // along the shorter side
+constexpr double kSamples = 4;      // along a cell's side, of those that it has
 constexpr double kSmoothing = 3;    // standard deviation of the windows [cells]
 constexpr float kGainScatter = 0.15f, kOffsetScatter = 0.05f;  // expected, where nothing is known
 constexpr float kResidual = 0.02f;  // of a good match: weighs data against expectation, and rejects outliers
@@ -39,6 +40,7 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
   map.offset_ = cv::Mat4f(cells, cv::Vec4f::all(0));
   if (width < 2 || height < 2) return map;
 
+  const int step = std::max(1, static_cast<int>(cell / kSamples));
   constexpr int kRounds = 3;  // robust: each round trusts what the last one explains
   for (int round = 0; round < kRounds; ++round) {
     const cv::Mat4f expected = map.apply(level.first, threads);
@@ -48,8 +50,8 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
     for (cv::Mat4f* p : {&m.weight, &m.x, &m.y, &m.xx, &m.xy}) *p = cv::Mat4f(cells, cv::Vec4f::all(0));
     forRows(cells.height, threads, [&](int begin, int end) {
       for (int j = begin; j < end; ++j)
-        for (int y = j * height / cells.height; y < (j + 1) * height / cells.height; ++y)
-          for (int x = 0; x < width; ++x) {
+        for (int y = j * height / cells.height; y < (j + 1) * height / cells.height; y += step)
+          for (int x = 0; x < width; x += step) {
             if (!visible.empty() && !visible(y, x)) continue;
             if (!level.first_valid.empty() && !level.first_valid(y, x)) continue;
             const float px = static_cast<float>(x) + flow.u.row(y)[x], py = static_cast<float>(y) + flow.v.row(y)[x];
@@ -75,6 +77,7 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
       cv::GaussianBlur(*p, smooth, cv::Size(), kSmoothing, kSmoothing, cv::BORDER_CONSTANT);
       *p = smooth;
     }
+    double change = 0, pixels = 0;
     for (int j = 0; j < cells.height; ++j)
       for (int i = 0; i < cells.width; ++i)
         for (int c = 0; c < 3; ++c) {
@@ -88,7 +91,10 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
           const float shift = n * (mean_y - mean_x) / (n + prior_offset);
           map.gain_(j, i)[c] = gain;
           map.offset_(j, i)[c] = shift + mean_x * (1 - gain);
+          change += n * shift * shift;
+          pixels += n;
         }
+    map.root_mean_square_change_ = pixels > 0 ? static_cast<float>(std::sqrt(change / pixels)) : 0.f;
   }
   return map;
 }

@@ -15,6 +15,7 @@ CORTSHIFT_VECTORISED
 void diffusivityRow(const float* u, const float* u_below, const float* v, const float* v_below, const float* edge,
                     float epsilon, float alpha, float* out, int width) {
   const float e2 = epsilon * epsilon;
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     const float ux = u[x + 1] - u[x], uy = u_below[x] - u[x], vx = v[x + 1] - v[x], vy = v_below[x] - v[x];
     out[x] = alpha / std::sqrt(ux * ux + uy * uy + vx * vx + vy * vy + e2);
@@ -25,6 +26,7 @@ void diffusivityRow(const float* u, const float* u_below, const float* v, const 
 
 CORTSHIFT_VECTORISED
 void linkRow(const float* diffusivity, const float* diffusivity_below, float* right, float* below, int width) {
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     right[x] = 0.5f * (diffusivity[x] + diffusivity[x + 1]);
     below[x] = 0.5f * (diffusivity[x] + diffusivity_below[x]);
@@ -43,6 +45,7 @@ void assembleRow(const AssembleRow& r, float epsilon, int width) {
   float *__restrict__ ixx = r.ixx, *__restrict__ ixy = r.ixy, *__restrict__ iyy = r.iyy, *__restrict__ cu = r.cu,
                       *__restrict__ cv = r.cv;
   const float e2 = epsilon * epsilon;
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     const float du = u[x] - u0[x], dv = v[x] - v0[x];
     const float square =

@@ -12,6 +12,22 @@ namespace {
 
 constexpr int kSaturated = 250;  // [grey levels] in the brightest channel: tissue there has no texture left
 
+constexpr double kBlur = 0.9;  // [px] before resampling: what is left is what cubic convolution can interpolate
+
+/// Mean of the channels: sensor noise is alike in all three, so that equal weights have the least of it.
+cv::Mat luminance(const cv::Mat& bgr) {
+  cv::Mat grey(bgr.size(), CV_32FC1);
+  cv::parallel_for_(cv::Range(0, bgr.rows), [&](const cv::Range& rows) {
+    for (int y = rows.start; y < rows.end; ++y) {
+      const uint8_t* from = bgr.ptr<uint8_t>(y);
+      float* to = grey.ptr<float>(y);
+      for (int x = 0; x < bgr.cols; ++x)
+        to[x] = static_cast<float>(from[3 * x] + from[3 * x + 1] + from[3 * x + 2]) * (1.0f / 3);
+    }
+  });
+  return grey;
+}
+
 /// Luminance at the positions of `map`, without the 1/32 px grid that cv::remap rounds positions to.
 cv::Mat sample(const cv::Mat& image, const cv::Mat& map, const cv::Mat& inside) {
   cv::Mat out(map.size(), CV_32FC1);
@@ -88,15 +104,17 @@ RectifiedPair Rectifier::rectify(const cv::Mat& left, const cv::Mat& right) cons
       throw std::invalid_argument("rectify: both images must be 8-bit colour and of the calibrated size " +
                                   std::to_string(model_.left.size.width) + "x" +
                                   std::to_string(model_.left.size.height));
-  const auto luminance = [](const cv::Mat& raw, const Side& side) {
-    cv::Mat grey, grey_float;
-    cv::cvtColor(raw, grey, cv::COLOR_BGR2GRAY);
-    grey.convertTo(grey_float, CV_32F);
-    return sample(grey_float, side.map, side.inside);
-  };
   RectifiedPair out;
-  out.left = luminance(left, left_);
-  out.right = luminance(right, right_);
+  const auto resample = [](const cv::Mat& raw, const Side& side, cv::Mat& smooth, cv::Mat& sharp) {
+    cv::Mat grey, grey_rounded;
+    grey = luminance(raw);
+    grey.convertTo(grey_rounded, CV_8U);
+    cv::remap(grey_rounded, sharp, side.map_near, side.map_share, cv::INTER_LINEAR);
+    cv::GaussianBlur(grey, grey, {}, kBlur, 0, cv::BORDER_REPLICATE);
+    smooth = sample(grey, side.map, side.inside);
+  };
+  resample(left, left_, out.left, out.left_sharp);
+  resample(right, right_, out.right, out.right_sharp);
   cv::remap(left, out.left_colour, left_.map_near, left_.map_share, cv::INTER_CUBIC);
   out.left_usable = usable(left, left_);
   out.right_usable = usable(right, right_);

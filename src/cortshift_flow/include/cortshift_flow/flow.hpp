@@ -28,7 +28,7 @@ struct FlowSettings {
   int solver_iterations = 15;  ///< sweeps of successive over-relaxation per update
 
   // Polish (kPolished).
-  double curvature = 0.002;       ///< expected second difference of the flow over 4 px [px]
+  double curvature = 0.004;       ///< expected second difference of the flow over 4 px [px]
   int half_polish_iterations = 4;  ///< Gauss-Newton steps at half resolution
   int full_polish_iterations = 2;  ///< and at full resolution
 
