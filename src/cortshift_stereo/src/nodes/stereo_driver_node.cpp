@@ -16,6 +16,7 @@ int main(int argc, char** argv) {
     ros::AsyncSpinner spinner(kThreads);
     spinner.start();
     rig.prepare();
+    if (!ros::ok()) return 0;  // stopped while the first stage was rendered; nothing may be advertised any more
     cortshift_stereo::StereoDriver driver(
         node, private_node, parameters, rig.source(),
         [&rig](cortshift_stereo::Stamp time) { return rig.T_reference_microscope(time); });
