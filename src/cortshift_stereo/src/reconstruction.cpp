@@ -106,7 +106,7 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
                                     number(settings.max_working_distance) +
                                     " m: check that both belong to one pair, that left and right are not swapped, and "
                                     "the calibration.");
-  result.disparity = matchSemiGlobal(pair.left_sharp, pair.right_sharp, quality.search_range);
+  result.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, quality.search_range);
   dropUnusable(result.disparity, pair);
   const RefinedDisparity refined = refineDisparity(pair, result.disparity);
   result.disparity = refined.disparity;
