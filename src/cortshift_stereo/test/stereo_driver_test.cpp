@@ -204,6 +204,7 @@ TEST(StereoDriver, settingsFollowTheStageAndAreLatched) {
 TEST(StereoDriver, probeTipRestsOnTheSurface) {
   ASSERT_TRUE(setStage("first").success);
   const Transforms transforms;
+  ASSERT_TRUE(eventually([&] { return transforms.buffer.canTransform("pmr", "probe_tip", ros::Time(0)); }));
   const auto fired = call<cortshift_msgs::TriggerCapture>("/stereo_driver/trigger");
   const Eigen::Isometry3d tip = transforms.lookup("pmr", "probe_tip", fired.stamp);
   EXPECT_LT((tip.translation() - scene().pointAt(0, 0.004, 0.002)).norm(), 1e-9);

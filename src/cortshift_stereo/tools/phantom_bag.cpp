@@ -57,19 +57,18 @@ class Recorder {
   void record(int first_pairs, const std::function<void(double)>& progress) {
     writeStaticTransforms();
     const int stages = scene_->stageCount();
-    double tracked = kTrackerPhase;
-    const double tracker_period = 1 / TrackerSettings{}.rate;
     for (int stage = 0; stage < stages; ++stage) {
       const double begin = stage * kStage;
       if (stage > 0) motion_.moveTo(stage, at(begin));
       writeSettings(stage, begin);
-      const double end = begin + kStage + (stage + 1 == stages ? kTail : 0);
-      for (; tracked < end; tracked += tracker_period) writeTracker(tracked);
       const int count = stage == 0 ? first_pairs : 1;
       for (int i = 0; i < count; ++i) {
-        writePair(stage, begin + kFirstPair + i * kBetweenPairs);
+        const double exposure = begin + kFirstPair + i * kBetweenPairs;
+        trackUntil(exposure);
+        writePair(stage, exposure);
         if (progress) progress((stage + static_cast<double>(i + 1) / count) / stages);
       }
+      trackUntil(begin + kStage + (stage + 1 == stages ? kTail : 0));
     }
     bag_.close();
   }
@@ -136,6 +135,11 @@ class Recorder {
     write("/microscope/settings", seconds, message, true);
   }
 
+  /// In the order of time: players trust the order of the file.
+  void trackUntil(double end) {
+    for (; tracked_ < end; tracked_ += 1 / TrackerSettings{}.rate) writeTracker(tracked_);
+  }
+
   void writeTracker(double seconds) {
     tf2_msgs::TFMessage message;
     message.transforms.push_back(
@@ -172,6 +176,7 @@ class Recorder {
   SimulatedTracker tracker_;
   rosbag::Bag bag_;
   std::uint64_t frame_ = 0;
+  double tracked_ = kTrackerPhase;  // time of the next tracker sample [s]
 };
 
 void run(const Options& options) {

@@ -7,8 +7,9 @@
 
 int main(int argc, char** argv) {
   ros::init(argc, argv, "stereo_driver");
+  const ros::NodeHandle node;  // outlives the try block: without any handle ROS, and with it the log, is shut down
   try {
-    const ros::NodeHandle node, private_node("~");
+    const ros::NodeHandle private_node("~");
     const auto parameters = cortshift_stereo::StereoDriverParameters::load(private_node);
     cortshift_stereo::PhantomRig rig(parameters);
     // Enough threads that tracker and diagnostics go on while a pair, a trigger and a change of stage are under way.
