@@ -92,8 +92,10 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
 
   ReconstructionResult result;
   ReconstructionQuality& quality = result.quality;
-  quality.left = measureImage(left);
-  quality.right = measureImage(right);
+  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
+    for (int side = sides.start; side < sides.end; ++side)
+      (side == 0 ? quality.left : quality.right) = measureImage(side == 0 ? left : right);
+  });
   checkImage(quality.left, limits, "left");
   checkImage(quality.right, limits, "right");
 

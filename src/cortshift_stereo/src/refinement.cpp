@@ -20,7 +20,7 @@ constexpr double kCorrelatedPixels = 10;      // neighbours share their noise: i
 constexpr double kLeastNoise = 0.25;          // [grey levels]: quantisation after the blur
 constexpr double kPhotometricReach = 24;      // [px] over which gain and offset vary
 constexpr double kTrustInStart = 0.05;        // [1/px^2] per pixel: holds where there is no texture to refine by
-constexpr int kSteps = 20;
+constexpr int kSteps = 14;
 
 constexpr float kSameSurface = 0.75f;  // [px] from the cells' surface: pixels beyond lie on another one
 
@@ -35,6 +35,9 @@ struct CellSums {
 cv::Size cellsOf(const cv::Size& image, int cell) {
   return {(image.width + cell - 1) / cell, (image.height + cell - 1) / cell};
 }
+
+/// Large cells have more than enough rows.
+int rowStep(int cell) { return cell > 4 ? 2 : 1; }
 
 cv::Mat blurCells(const cv::Mat& values, double sigma) {
   cv::Mat out;
@@ -58,7 +61,7 @@ class DataTerm {
       Row row(d.cols);
       for (int cy = rows.start; cy < rows.end; ++cy) {
         row.clear();
-        for (int y = cy * cell; y < std::min((cy + 1) * cell, d.rows); ++y) {
+        for (int y = cy * cell; y < std::min((cy + 1) * cell, d.rows); y += rowStep(cell)) {
           warp(y, d.ptr<float>(y), surface.ptr<float>(y), row);
           add(y, gain.ptr<float>(cy), static_cast<float>(noise * noise), cell, row);
         }
@@ -293,10 +296,10 @@ RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start
       const cv::Mat right = blurCells(sums.right, reach);
       gain = blurCells(sums.left, reach) / (right + 1e-3f);
       gain.setTo(1, right < 1);
+      const double share = rowStep(cell) / kCorrelatedPixels;
       const double trust_in_start = kTrustInStart * cell * cell;
-      const cv::Mat information = sums.wgg / kCorrelatedPixels + trust_in_start;
-      const cv::Mat gradient =
-          (sums.wgr - offset.mul(sums.wg)) / kCorrelatedPixels + trust_in_start * (cells - start_cells);
+      const cv::Mat information = sums.wgg * share + trust_in_start;
+      const cv::Mat gradient = (sums.wgr - offset.mul(sums.wg)) * share + trust_in_start * (cells - start_cells);
       const cv::Mat step = solveThinPlate(information, gradient, bendingWeights(cells, cell), cells, kSteps);
       cells += cv::min(cv::max(step, -1.0), 1.0);
       const cv::Mat next = surfaceThrough(cells, size, cell);
