@@ -13,9 +13,9 @@ namespace cortshift_flow {
 namespace {
 
 constexpr double kHighPassSigma = 1;  // [px of the level]
-constexpr float kFlat = 0.002f;        // contrast below which there is no texture, 0...1
-constexpr float kFlatWindow = 0.1f;    // the same for the root mean square of a window of saturated contrast
-constexpr float kAgreement = 1.5f;     // forward and backward displacements may differ by this [px of the level]
+constexpr float kFlat = 0.002f;       // contrast below which there is no texture, 0...1
+constexpr float kFlatWindow = 0.1f;   // the same for the root mean square of a window of saturated contrast
+constexpr float kAgreement = 1.5f;    // forward and backward displacements may differ by this [px of the level]
 
 /// High-passed channels as padded planes; zero outside the image and where it is not valid, so that such pixels add
 /// nothing to a correlation.
@@ -133,7 +133,7 @@ FlowPlanes search(const Features& from, const Features& to, int pad, const Coars
   FlowPlanes flow{Plane(size), Plane(size)};
   best = cv::Mat1f(size, 0.f);
   // Fixed bands: running sums give the same bits whoever computes them.
-  constexpr int kBand = 16;
+  constexpr int kBand = 24;
   const int bands = (size.height + kBand - 1) / kBand;
   cv::parallel_for_(
       cv::Range(0, bands),

@@ -11,8 +11,8 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr float kClearlyBetter = 0.8f;   // of the present mismatch
-constexpr float kSameFlow = 0.5f;  // a hypothesis closer than this to the present flow is not worth trying [px]
+constexpr float kClearlyBetter = 0.8f;  // of the present mismatch
+constexpr float kSameFlow = 0.5f;       // a hypothesis closer than this to the present flow is not worth trying [px]
 constexpr std::size_t kDirections = 8;
 constexpr int kTile = 16;
 
@@ -97,16 +97,19 @@ void evaluateHypothesis(const Level& level, int x0, int y0, int window, Workspac
   }
 }
 
-void exchangeTile(const Level& level, const FlowPlanes& start, const Plane& mean_mismatch, int x0, int y0, int window,
+void exchangeTile(const Level& level, const FlowPlanes& start, int x0, int y0, int window,
                   const std::vector<cv::Point>& offsets, float worth_trying, const cv::Mat1b& fixed, Workspace& w,
                   FlowPlanes& flow) {
   std::array<float, kTile * kTile> best, sums;
   const int rows = std::min(kTile, start.u.height() - y0), columns = std::min(kTile, start.u.width() - x0);
+  if (!fixed.empty() && cv::countNonZero(fixed(cv::Rect(x0, y0, columns, rows))) == rows * columns) return;
+  fillHypothesis(start, x0, y0, window, {0, 0}, false, w);
+  evaluateHypothesis(level, x0, y0, window, w);
+  sumWindows(w, window, best.data());
   bool any = false;
   for (int y = 0; y < rows; ++y)
     for (int x = 0; x < columns; ++x) {
       float& present = best[static_cast<std::size_t>(y * kTile + x)];
-      present = mean_mismatch.row(y0 + y)[x0 + x] * static_cast<float>((2 * window + 1) * (2 * window + 1));
       if (present < worth_trying || (!fixed.empty() && fixed(y0 + y, x0 + x))) present = 0;
       any = any || present > 0;
     }
@@ -144,7 +147,6 @@ void exchangeFlow(const Level& level, const std::vector<int>& reaches, int windo
       offsets.push_back(offset);
   }
   const FlowPlanes start = flow;
-  const Plane mean_mismatch = windowMismatch(level, start, window, threads);
   const float worth_trying = mismatch * static_cast<float>((2 * window + 1) * (2 * window + 1));
   const int tile_rows = (start.u.height() + kTile - 1) / kTile;
   cv::parallel_for_(
@@ -153,7 +155,7 @@ void exchangeFlow(const Level& level, const std::vector<int>& reaches, int windo
         Workspace workspace(window);
         for (int row = range.start; row < range.end; ++row)
           for (int x0 = 0; x0 < start.u.width(); x0 += kTile)
-            exchangeTile(level, start, mean_mismatch, x0, row * kTile, window, offsets, worth_trying, fixed, workspace, flow);
+            exchangeTile(level, start, x0, row * kTile, window, offsets, worth_trying, fixed, workspace, flow);
       },
       threads > 1 ? 4 * threads : 1);
 }

@@ -11,9 +11,9 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr int kCells = 48;          // along the shorter side
-constexpr double kSamples = 4;      // along a cell's side, of those that it has
-constexpr double kSmoothing = 3;    // standard deviation of the windows [cells]
+constexpr int kCells = 48;                                     // along the shorter side
+constexpr double kSamples = 4;                                 // along a cell's side, of those that it has
+constexpr double kSmoothing = 3;                               // standard deviation of the windows [cells]
 constexpr float kGainScatter = 0.15f, kOffsetScatter = 0.05f;  // expected, where nothing is known
 constexpr float kResidual = 0.02f;  // of a good match: weighs data against expectation, and rejects outliers
 
@@ -57,7 +57,8 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
             const float px = static_cast<float>(x) + flow.u.row(y)[x], py = static_cast<float>(y) + flow.v.row(y)[x];
             if (!(px >= 0 && py >= 0 && px <= static_cast<float>(width - 1) && py <= static_cast<float>(height - 1)))
               continue;
-            if (!level.second_valid.empty() && !level.second_valid(static_cast<int>(py), static_cast<int>(px))) continue;
+            if (!level.second_valid.empty() && !level.second_valid(static_cast<int>(py), static_cast<int>(px)))
+              continue;
             const cv::Vec4f first = level.first(y, x), second = bilinear(level.second, px, py);
             const cv::Vec4f gap = second - expected(y, x);
             const float ratio = 1 + static_cast<float>(gap.dot(gap)) / (tolerance * tolerance);
@@ -104,8 +105,9 @@ cv::Mat4f BrightnessMap::apply(const cv::Mat4f& image, int threads) const {
   const int width = image.cols, height = image.rows;
   // Cell centres, interpolated linearly between and constant beyond the outermost.
   const auto position = [](int i, int pixels, int cells, int& first, float& fraction) {
-    const float at = std::clamp((static_cast<float>(i) + 0.5f) * static_cast<float>(cells) / static_cast<float>(pixels) - 0.5f,
-                                0.f, static_cast<float>(cells - 1));
+    const float at =
+        std::clamp((static_cast<float>(i) + 0.5f) * static_cast<float>(cells) / static_cast<float>(pixels) - 0.5f, 0.f,
+                   static_cast<float>(cells - 1));
     first = std::min(static_cast<int>(at), std::max(0, cells - 2));
     fraction = at - static_cast<float>(first);
   };

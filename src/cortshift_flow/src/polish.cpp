@@ -138,7 +138,8 @@ double dotRow(const float* a, const float* b, int width) {
 /// Conjugate gradients on (data + second-order smoothness) nodes = right-hand side.
 class NodeSolver {
  public:
-  NodeSolver(cv::Size size, int threads) : size_(size), threads_(threads), row_sums_(static_cast<std::size_t>(size.height)) {
+  NodeSolver(cv::Size size, int threads)
+      : size_(size), threads_(threads), row_sums_(static_cast<std::size_t>(size.height)) {
     for (Plane* p : {&stencils.xx, &stencils.yy, &stencils.xy, &data.xx, &data.xy, &data.yy, &data.u, &data.v, &q_u_.xx,
                      &q_u_.yy, &q_u_.xy, &q_v_.xx, &q_v_.yy, &q_v_.xy, &inverse_xx_, &inverse_xy_, &inverse_yy_})
       p->create(size.height, size.width);
@@ -263,7 +264,8 @@ void sampleNodes(const Plane& pixels, Plane& nodes) {
   const auto value = [&](int x, int y) {
     const int cx = std::clamp(x, 0, pixels.width() - 1), cy = std::clamp(y, 0, pixels.height() - 1);
     const float at = pixels.row(cy)[cx];
-    const float mirrored = pixels.row(std::clamp(2 * cy - y, 0, pixels.height() - 1))[std::clamp(2 * cx - x, 0, pixels.width() - 1)];
+    const float mirrored =
+        pixels.row(std::clamp(2 * cy - y, 0, pixels.height() - 1))[std::clamp(2 * cx - x, 0, pixels.width() - 1)];
     return x == cx && y == cy ? at : 2 * at - mirrored;
   };
   for (int j = 0; j < nodes.height(); ++j)
@@ -289,8 +291,9 @@ void findRegularCells(const FlowPlanes& nodes, float break_at, cv::Mat1b& regula
           square([&](const Plane& p) { return second(p.row(y - 1)[x], p.row(y)[x], p.row(y + 1)[x]); }) > limit)
         bits |= 2;
       if (x < width - 1 && y < height - 1 && square([&](const Plane& p) {
-            return p.row(y + 1)[x + 1] - p.row(y + 1)[x] - p.row(y)[x + 1] + p.row(y)[x];
-          }) > limit)
+                                               return p.row(y + 1)[x + 1] - p.row(y + 1)[x] - p.row(y)[x + 1] +
+                                                      p.row(y)[x];
+                                             }) > limit)
         bits |= 4;
       broken(y, x) = bits;
     }
@@ -402,7 +405,8 @@ PolishedFlow polish(const ImagePair& images, const cv::Vec4f& channel_weights, c
   for (Plane* p : {&reduced.xx, &reduced.xy, &reduced.yy, &reduced.xt, &reduced.yt})
     p->create(pixels.height, size.width);
   const float weight = 1 / (effort.curvature * effort.curvature);
-  const Connection connection{weight / (kOrdinaryCurvature * kOrdinaryCurvature), 1 / (effort.break_at * effort.break_at)};
+  const Connection connection{weight / (kOrdinaryCurvature * kOrdinaryCurvature),
+                              1 / (effort.break_at * effort.break_at)};
   for (int i = 0; i < effort.linearisations; ++i) {
     connect(flow.nodes, connection, weight, solver.stencils, threads);
     findRegularCells(flow.nodes, effort.break_at, flow.regular);

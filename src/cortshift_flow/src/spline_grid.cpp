@@ -53,7 +53,8 @@ void evaluateSplineRow(const Plane& nodes, int y, float* scratch, float* out, in
   expandRow(scratch, weights, out, cells);
   for (int x = kSpacing * cells; x < width; ++x) {
     const auto& w = weights[static_cast<std::size_t>(x % kSpacing)];
-    out[x] = (w[0] * scratch[cells] + w[1] * scratch[cells + 1]) + (w[2] * scratch[cells + 2] + w[3] * scratch[cells + 3]);
+    out[x] =
+        (w[0] * scratch[cells] + w[1] * scratch[cells + 1]) + (w[2] * scratch[cells + 2] + w[3] * scratch[cells + 3]);
   }
 }
 

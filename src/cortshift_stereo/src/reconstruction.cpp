@@ -92,8 +92,10 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
 
   ReconstructionResult result;
   ReconstructionQuality& quality = result.quality;
-  quality.left = measureImage(left);
-  quality.right = measureImage(right);
+  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
+    for (int side = sides.start; side < sides.end; ++side)
+      (side == 0 ? quality.left : quality.right) = measureImage(side == 0 ? left : right);
+  });
   checkImage(quality.left, limits, "left");
   checkImage(quality.right, limits, "right");
 
@@ -106,7 +108,7 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
                                     number(settings.max_working_distance) +
                                     " m: check that both belong to one pair, that left and right are not swapped, and "
                                     "the calibration.");
-  result.disparity = matchSemiGlobal(pair.left_sharp, pair.right_sharp, quality.search_range);
+  result.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, quality.search_range);
   dropUnusable(result.disparity, pair);
   const RefinedDisparity refined = refineDisparity(pair, result.disparity);
   result.disparity = refined.disparity;

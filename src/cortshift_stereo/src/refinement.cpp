@@ -20,7 +20,7 @@ constexpr double kCorrelatedPixels = 10;      // neighbours share their noise: i
 constexpr double kLeastNoise = 0.25;          // [grey levels]: quantisation after the blur
 constexpr double kPhotometricReach = 24;      // [px] over which gain and offset vary
 constexpr double kTrustInStart = 0.05;        // [1/px^2] per pixel: holds where there is no texture to refine by
-constexpr int kSteps = 20;
+constexpr int kSteps = 14;
 
 constexpr float kSameSurface = 0.75f;  // [px] from the cells' surface: pixels beyond lie on another one
 
@@ -35,6 +35,9 @@ struct CellSums {
 cv::Size cellsOf(const cv::Size& image, int cell) {
   return {(image.width + cell - 1) / cell, (image.height + cell - 1) / cell};
 }
+
+/// Large cells have more than enough rows.
+int rowStep(int cell) { return cell > 4 ? 2 : 1; }
 
 cv::Mat blurCells(const cv::Mat& values, double sigma) {
   cv::Mat out;
@@ -58,7 +61,7 @@ class DataTerm {
       Row row(d.cols);
       for (int cy = rows.start; cy < rows.end; ++cy) {
         row.clear();
-        for (int y = cy * cell; y < std::min((cy + 1) * cell, d.rows); ++y) {
+        for (int y = cy * cell; y < std::min((cy + 1) * cell, d.rows); y += rowStep(cell)) {
           warp(y, d.ptr<float>(y), surface.ptr<float>(y), row);
           add(y, gain.ptr<float>(cy), static_cast<float>(noise * noise), cell, row);
         }
@@ -180,28 +183,27 @@ class DataTerm {
   const cv::Mat& known_;
 };
 
-/// Fills unknown values from known ones at growing distances.
+/// Fills unknown values from known ones at growing distances, smoothly.
 cv::Mat fillUnknown(const cv::Mat& values, const cv::Mat& known) {
   cv::Mat weight, filled = values.clone();
+  filled.setTo(0, ~known);
   known.convertTo(weight, CV_32F, 1.0 / 255);
-  filled.setTo(0, known == 0);
   std::vector<cv::Mat> sums{filled}, weights{weight};
-  while (std::min(sums.back().rows, sums.back().cols) > 4) {
+  for (double scale = 0.25; std::min(sums.back().rows, sums.back().cols) > 8; scale = 0.5) {
     cv::Mat sum, w;
-    cv::resize(sums.back(), sum, {}, 0.5, 0.5, cv::INTER_AREA);
-    cv::resize(weights.back(), w, {}, 0.5, 0.5, cv::INTER_AREA);
+    cv::resize(sums.back(), sum, {}, scale, scale, cv::INTER_AREA);
+    cv::resize(weights.back(), w, {}, scale, scale, cv::INTER_AREA);
     sums.push_back(sum);
     weights.push_back(w);
   }
-  cv::Mat coarse = sums.back() / (weights.back() + 1e-9f);
-  for (std::size_t i = sums.size() - 1; i-- > 0;) {
-    cv::Mat fine;
+  cv::Mat coarse = sums.back() / (weights.back() + 1e-9f), fine;
+  for (std::size_t i = sums.size() - 1; i-- > 1;) {
     cv::resize(coarse, fine, sums[i].size(), 0, 0, cv::INTER_LINEAR);
     constexpr float kPull = 1e-3f;
     coarse = (sums[i] + kPull * fine) / (weights[i] + kPull);
   }
-  coarse.copyTo(filled, known == 0);
-  values.copyTo(filled, known);
+  cv::resize(coarse, fine, values.size(), 0, 0, cv::INTER_LINEAR);
+  fine.copyTo(filled, ~known);
   return filled;
 }
 
@@ -294,10 +296,10 @@ RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start
       const cv::Mat right = blurCells(sums.right, reach);
       gain = blurCells(sums.left, reach) / (right + 1e-3f);
       gain.setTo(1, right < 1);
+      const double share = rowStep(cell) / kCorrelatedPixels;
       const double trust_in_start = kTrustInStart * cell * cell;
-      const cv::Mat information = sums.wgg / kCorrelatedPixels + trust_in_start;
-      const cv::Mat gradient =
-          (sums.wgr - offset.mul(sums.wg)) / kCorrelatedPixels + trust_in_start * (cells - start_cells);
+      const cv::Mat information = sums.wgg * share + trust_in_start;
+      const cv::Mat gradient = (sums.wgr - offset.mul(sums.wg)) * share + trust_in_start * (cells - start_cells);
       const cv::Mat step = solveThinPlate(information, gradient, bendingWeights(cells, cell), cells, kSteps);
       cells += cv::min(cv::max(step, -1.0), 1.0);
       const cv::Mat next = surfaceThrough(cells, size, cell);

@@ -21,32 +21,6 @@ class Bending {
   explicit Bending(const cv::Mat& weights)
       : weights_(weights), xx_(weights.size(), 0.0f), yy_(weights.size(), 0.0f), xy_(weights.size(), 0.0f) {}
 
-  void apply(const cv::Mat_<float>& from, cv::Mat_<float>& to) {
-    const int width = from.cols;
-    for (int y = 1; y < from.rows - 1; ++y) {
-      const float *c = from[y], *w = weights_.ptr<float>(y);
-      float *xx = xx_[y], *yy = yy_[y], *xy = xy_[y];
-      for (int x = 1; x < width - 1; ++x) {
-        const Differences d = differences(c + x, width);
-        xx[x] = w[x] * d.xx;
-        yy[x] = w[x] * d.yy;
-        xy[x] = 0.5f * w[x] * d.xy;  // twice a quarter, the other quarter-factor of the transpose
-      }
-    }
-    // The rims of xx_, yy_ and xy_ stay 0, so the transpose only has to leave out what lies outside the grid.
-    for (int y = 0; y < from.rows; ++y) {
-      float* out = to[y];
-      const float *xx = xx_[y], *yy = yy_[y];
-      const float *yy_up = yy_[y > 0 ? y - 1 : 0], *yy_down = yy_[y + 1 < from.rows ? y + 1 : y];
-      const float *xy_up = xy_[y > 0 ? y - 1 : 0], *xy_down = xy_[y + 1 < from.rows ? y + 1 : from.rows - 1];
-      for (int x = 1; x < width - 1; ++x)
-        out[x] = xx[x - 1] - 2 * xx[x] + xx[x + 1] + yy_up[x] - 2 * yy[x] + yy_down[x] + xy_up[x - 1] - xy_up[x + 1] -
-                 xy_down[x - 1] + xy_down[x + 1];
-      out[0] = xx[1] + yy_up[0] - 2 * yy[0] + yy_down[0] - xy_up[1] + xy_down[1];
-      out[width - 1] = xx[width - 2] + xy_up[width - 2] - xy_down[width - 2];
-    }
-  }
-
   /// Diagonal of the operator.
   cv::Mat_<float> diagonal() const {
     cv::Mat_<float> out(weights_.size(), 0.0f);
@@ -64,7 +38,46 @@ class Bending {
     return out;
   }
 
+  void apply(const cv::Mat_<float>& from, cv::Mat_<float>& to) {
+    cv::parallel_for_(
+        cv::Range(1, from.rows - 1), [&](const cv::Range& rows) { bend(rows, from); }, kStripes);
+    cv::parallel_for_(
+        cv::Range(0, from.rows), [&](const cv::Range& rows) { unbend(rows, to); }, kStripes);
+  }
+
  private:
+  static constexpr double kStripes = 4;
+
+  void bend(const cv::Range& rows, const cv::Mat_<float>& from) {
+    const int width = from.cols;
+    for (int y = rows.start; y < rows.end; ++y) {
+      const float *c = from[y], *w = weights_.ptr<float>(y);
+      float *xx = xx_[y], *yy = yy_[y], *xy = xy_[y];
+      for (int x = 1; x < width - 1; ++x) {
+        const Differences d = differences(c + x, width);
+        xx[x] = w[x] * d.xx;
+        yy[x] = w[x] * d.yy;
+        xy[x] = 0.5f * w[x] * d.xy;  // twice a quarter, the other quarter-factor of the transpose
+      }
+    }
+  }
+
+  void unbend(const cv::Range& rows, cv::Mat_<float>& to) const {
+    const int width = to.cols, height = to.rows;
+    // The rims of xx_, yy_ and xy_ stay 0, so the transpose only has to leave out what lies outside the grid.
+    for (int y = rows.start; y < rows.end; ++y) {
+      float* out = to[y];
+      const float *xx = xx_[y], *yy = yy_[y];
+      const float *yy_up = yy_[y > 0 ? y - 1 : 0], *yy_down = yy_[y + 1 < height ? y + 1 : y];
+      const float *xy_up = xy_[y > 0 ? y - 1 : 0], *xy_down = xy_[y + 1 < height ? y + 1 : y];
+      for (int x = 1; x < width - 1; ++x)
+        out[x] = xx[x - 1] - 2 * xx[x] + xx[x + 1] + yy_up[x] - 2 * yy[x] + yy_down[x] + xy_up[x - 1] - xy_up[x + 1] -
+                 xy_down[x - 1] + xy_down[x + 1];
+      out[0] = xx[1] + yy_up[0] - 2 * yy[0] + yy_down[0] - xy_up[1] + xy_down[1];
+      out[width - 1] = xx[width - 2] + xy_up[width - 2] - xy_down[width - 2];
+    }
+  }
+
   cv::Mat weights_;
   cv::Mat_<float> xx_, yy_, xy_;
 };

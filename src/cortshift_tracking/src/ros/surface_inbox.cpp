@@ -53,6 +53,14 @@ sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitForRecent(const ros::Duration
   return found;
 }
 
+sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitForNewer(unsigned long& seen,
+                                                            std::chrono::milliseconds patience) const {
+  std::unique_lock<std::mutex> lock(mutex_);
+  if (!arrived_.wait_for(lock, patience, [&] { return count_ > seen; })) return {};
+  seen = count_;
+  return surfaces_.back();
+}
+
 ros::Time SurfaceInbox::newestStamp() const {
   const std::lock_guard<std::mutex> guard(mutex_);
   return surfaces_.empty() ? ros::Time() : surfaces_.back()->header.stamp;

@@ -28,6 +28,10 @@ class SurfaceInbox {
   /// Null when the deadline passes.
   sensor_msgs::PointCloud2ConstPtr waitForRecent(const ros::Duration& max_age, Deadline deadline) const;
 
+  /// The newest surface if more have come in than the `seen` that the caller knows of (0 at first); `seen` moves on, so
+  /// that surfaces which came in meanwhile are passed over. Null after `patience`.
+  sensor_msgs::PointCloud2ConstPtr waitForNewer(unsigned long& seen, std::chrono::milliseconds patience) const;
+
   /// Stamp of the newest surface; zero: none yet.
   ros::Time newestStamp() const;
 
