@@ -111,3 +111,8 @@ TEST(Phantom, OutwardFlowIsEquationSix) {
 
 }  // namespace
 }  // namespace cortshift_flow
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
