@@ -7,7 +7,8 @@ namespace cortshift_flow {
 
 /// 1 where some pixel of the second image flows back to (CV_8UC1). What no pixel comes from has been covered, or has
 /// left the image.
-cv::Mat1b coveredBy(const FlowPlanes& backward);
+/// @param trusted  0 where the backward flow does not count, or empty
+cv::Mat1b coveredBy(const FlowPlanes& backward, const cv::Mat1b& trusted = {});
 
 /// 1 where a window about the pixel looks the same at both ends of its flow.
 /// @param mismatch  largest mean mismatch [intensity, 0...1, summed over the channels]

@@ -12,8 +12,8 @@ namespace {
 /// One numeric setting: where it is kept and what it may be.
 struct Entry {
   const char* name;
-  int FlowSettings::* integer;
-  double FlowSettings::* real;
+  int FlowSettings::*integer;
+  double FlowSettings::*real;
   double low, high;
 };
 
@@ -26,7 +26,7 @@ const std::vector<Entry>& entries() {
       {"inner_iterations", &FlowSettings::inner_iterations, nullptr, 1, 100},
       {"solver_iterations", &FlowSettings::solver_iterations, nullptr, 1, 1000},
       {"curvature", nullptr, &FlowSettings::curvature, 1e-6, 10},
-      {"half_polish_iterations", &FlowSettings::half_polish_iterations, nullptr, 0, 100},
+      {"coarse_polish_iterations", &FlowSettings::coarse_polish_iterations, nullptr, 0, 100},
       {"full_polish_iterations", &FlowSettings::full_polish_iterations, nullptr, 1, 100},
       {"search_range", nullptr, &FlowSettings::search_range, 0.01, 0.5},
   };
@@ -77,7 +77,7 @@ FlowSettings FlowSettings::preset(const std::string& name) {
   FlowSettings settings;
   if (name == "default") return settings;
   if (name == "fast") {
-    settings.half_polish_iterations = 3;
+    settings.coarse_polish_iterations = 2;
     settings.full_polish_iterations = 1;
     return settings;
   }

@@ -6,6 +6,7 @@
 #include <opencv2/core/utility.hpp>
 #include <string>
 
+#include "cortshift_stereo/refinement.hpp"
 #include "cortshift_stereo/triangulation.hpp"
 
 namespace cortshift_stereo {
@@ -47,12 +48,17 @@ double shareOfValid(const cv::Mat& disparity) {
 void checkMatch(const ReconstructionQuality& quality, const PairLimits& limits) {
   constexpr int kFewestCorners = 20;
   const EpipolarResidual& epipolar = quality.epipolar;
+  constexpr double kPlainlyBetter = 0.5;
+  if (epipolar.matched >= kFewestCorners && epipolar.spread_if_swapped < kPlainlyBetter * epipolar.spread)
+    throw PairError("swapped", "Left and right are swapped: the rows of the two images agree to " +
+                                   number(epipolar.spread_if_swapped) + " px when exchanged, but to " +
+                                   number(epipolar.spread) + " px as they are; exchange the cables or the topics.");
   if (epipolar.matched >= kFewestCorners && epipolar.spread > limits.max_epipolar_residual)
     throw PairError("epipolar", "The rows of the two images do not agree (median vertical gap " +
                                     number(epipolar.spread) + " px over " + std::to_string(epipolar.matched) +
                                     " corners, at most " + number(limits.max_epipolar_residual) +
-                                    " px is allowed): left and right are swapped, the images are not of one pair, or "
-                                    "the cameras moved since their calibration; calibrate again.");
+                                    " px is allowed): the images are not of one pair, or the "
+                                    "cameras moved since their calibration; calibrate again.");
   if (quality.coverage < limits.min_coverage)
     throw PairError("coverage", "Only " + number(100 * quality.coverage) +
                                     " % of the image could be matched, at least " + number(100 * limits.min_coverage) +
@@ -86,28 +92,29 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
 
   ReconstructionResult result;
   ReconstructionQuality& quality = result.quality;
-  quality.left = measureImage(left);
-  quality.right = measureImage(right);
+  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
+    for (int side = sides.start; side < sides.end; ++side)
+      (side == 0 ? quality.left : quality.right) = measureImage(side == 0 ? left : right);
+  });
   checkImage(quality.left, limits, "left");
   checkImage(quality.right, limits, "right");
 
   const RectifiedPair pair = rectifier.rectify(left, right);
-  cv::Mat left_grey, right_grey;
-  pair.left.convertTo(left_grey, CV_8U);
-  pair.right.convertTo(right_grey, CV_8U);
   const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
-  quality.search_range = usedRange(left_grey, right_grey, model, possible, settings.relief);
+  quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
   if (quality.search_range.size() == 0)
     throw PairError("no_match", "The two images do not match at any working distance between " +
                                     number(settings.min_working_distance) + " and " +
                                     number(settings.max_working_distance) +
                                     " m: check that both belong to one pair, that left and right are not swapped, and "
                                     "the calibration.");
-  result.disparity = matchSemiGlobal(left_grey, right_grey, quality.search_range);
+  result.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, quality.search_range);
   dropUnusable(result.disparity, pair);
+  const RefinedDisparity refined = refineDisparity(pair, result.disparity);
+  result.disparity = refined.disparity;
 
   quality.coverage = shareOfValid(result.disparity);
-  quality.epipolar = measureEpipolarResidual(pair, result.disparity);
+  quality.epipolar = measureEpipolarResidual(pair, result.disparity, rectifier);
   checkMatch(quality, limits);
 
   Surface& surface = result.surface_left;

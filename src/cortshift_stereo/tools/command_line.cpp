@@ -18,15 +18,21 @@ double numberIn(const std::string& name, const std::string& text) {
 
 }  // namespace
 
-Options::Options(int argc, char** argv, const std::set<std::string>& known) {
-  for (int i = 1; i < argc; i += 2) {
+Options::Options(int argc, char** argv, const std::set<std::string>& known, const std::vector<std::string>& words) {
+  auto next_word = words.begin();
+  for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
-    if (word.rfind("--", 0) != 0) throw UsageError("'" + word + "': options begin with --");
+    if (word.rfind("--", 0) != 0) {
+      if (next_word == words.end()) throw UsageError("'" + word + "': options begin with --");
+      values_[*next_word++] = word;
+      continue;
+    }
     const std::string name = word.substr(2);
     if (!known.count(name)) throw UsageError(word + ": no such option");
-    if (i + 1 == argc) throw UsageError(word + ": its value is missing");
-    if (!values_.emplace(name, argv[i + 1]).second) throw UsageError(word + ": given twice");
+    if (++i == argc) throw UsageError(word + ": its value is missing");
+    if (!values_.emplace(name, argv[i]).second) throw UsageError(word + ": given twice");
   }
+  if (next_word != words.end()) throw UsageError(*next_word + " is missing");
 }
 
 std::optional<std::string> Options::find(const std::string& name) const {
@@ -49,7 +55,7 @@ double Options::number(const std::string& name, double otherwise) const {
 }
 
 int runTool(int argc, char** argv, const std::string& help, const std::set<std::string>& known,
-            const std::function<void(const Options&)>& tool) {
+            const std::function<void(const Options&)>& tool, const std::vector<std::string>& words) {
   const char* name = std::strrchr(argv[0], '/');
   name = name ? name + 1 : argv[0];
   for (int i = 1; i < argc; ++i)
@@ -58,7 +64,7 @@ int runTool(int argc, char** argv, const std::string& help, const std::set<std::
       return 0;
     }
   try {
-    tool(Options(argc, argv, known));
+    tool(Options(argc, argv, known, words));
     return 0;
   } catch (const UsageError& fault) {
     std::fprintf(stderr, "%s: %s; see --help\n", name, fault.what());

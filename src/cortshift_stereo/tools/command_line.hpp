@@ -7,6 +7,7 @@
 #include <set>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace cortshift_stereo {
 
@@ -16,11 +17,12 @@ class UsageError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// Options of the form --name VALUE.
+/// Options of the form --name VALUE, and words that stand for themselves.
 class Options {
  public:
-  /// @throws UsageError for an option that is not known, stands twice or lacks its value, and for stray words.
-  Options(int argc, char** argv, const std::set<std::string>& known);
+  /// @param words  names under which words without an option are found, in this order; each must be given
+  /// @throws UsageError for an option that is not known, stands twice or lacks its value, for stray and missing words.
+  Options(int argc, char** argv, const std::set<std::string>& known, const std::vector<std::string>& words = {});
 
   /// @throws UsageError if the option is missing.
   std::string required(const std::string& name) const;
@@ -38,7 +40,7 @@ class Options {
 
 /// Run a tool: --help prints the help and returns 0, a UsageError 2, any other exception 1, with its message on stderr.
 int runTool(int argc, char** argv, const std::string& help, const std::set<std::string>& known,
-            const std::function<void(const Options&)>& tool);
+            const std::function<void(const Options&)>& tool, const std::vector<std::string>& words = {});
 
 /// A progress bar on stderr if that is a terminal. Call with a share (0...1).
 std::function<void(double)> progressBar(const std::string& label);

@@ -46,12 +46,14 @@ void checkImage(const ImageQuality& quality, const PairLimits& limits, const std
 /// Vertical misalignment of corners matched in two dimensions. A swapped or mismatched pair, or a camera that has
 /// moved since its calibration, shows here although rows still match each other somehow.
 struct EpipolarResidual {
-  int matched = 0;    ///< corners found in both images
-  double offset = 0;  ///< [px] median y_right - y_left
-  double spread = 0;  ///< [px] median |y_right - y_left|
+  int matched = 0;               ///< corners found in both images
+  double offset = 0;             ///< [px] median y_right - y_left
+  double spread = 0;             ///< [px] median |y_right - y_left|
+  double spread_if_swapped = 0;  ///< [px] the same if the left image were the right camera's and the other way round
 };
 
 /// @param disparity  CV_32FC1, NaN where invalid: where to start looking
-EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Mat& disparity);
+EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Mat& disparity,
+                                         const Rectifier& rectifier);
 
 }  // namespace cortshift_stereo

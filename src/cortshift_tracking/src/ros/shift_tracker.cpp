@@ -168,7 +168,7 @@ sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitSurface(const std::string& k
     } catch (const TrackingError& error) {
       throw TrackingError("stage '" + key + "' was not captured: " + error.what());
     }
-    if (auto surface = inbox_.waitForStamp(stamp, deadline)) return surface;
+    if (auto surface = inbox_.waitSince(stamp, deadline)) return surface;
     throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
                         " no surface of the pair at " + std::to_string(stamp.toSec()) + " arrived on /surface/points" +
                         whyNoSurface());
