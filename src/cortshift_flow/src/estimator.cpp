@@ -9,6 +9,7 @@
 #include "confidence.hpp"
 #include "exchange.hpp"
 #include "high_pass.hpp"
+#include "inverse_search.hpp"
 #include "noise.hpp"
 #include "occlusion.hpp"
 #include "photometric.hpp"
@@ -23,6 +24,7 @@ constexpr int kSearchSide = 96;  // the search runs at the first level whose sho
 constexpr int kPolishLevel = 2;  // from this level on the polish takes over from Eq. (5)
 
 constexpr int kWindow = 2;                  // half width of the windows in which images are compared [px]
+constexpr float kAgreement = 1;             // of forward and backward flow [px of the level]
 const std::vector<int> kReaches = {4, 10};  // over which flow is exchanged [px]
 
 /// Windows that mismatch by more are suspect.
@@ -74,6 +76,13 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
       flow = {doubled(flow.forward, level.first.size(), threads), doubled(flow.backward, level.first.size(), threads)};
     const Level texture = highPass(level);
     const Level forward = interpolableLevel(texture), backward = interpolableLevel(swapped(texture));
+    if (l == std::min(last, kPolishLevel)) {
+      const Level& finer = levels[static_cast<std::size_t>(l - 1)];
+      Both patches{inverseSearch(finer, level.first.size()), inverseSearch(swapped(finer), level.first.size())};
+      adoptWhereBetter(forward, flow.forward, patches.forward, threads);
+      adoptWhereBetter(backward, flow.backward, patches.backward, threads);
+      flow = std::move(patches);
+    }
     const float clear = mismatchLimit(forward, flow.forward, threads);
     exchangeFlow(forward, kReaches, kWindow, clear, {}, flow.forward, threads);
     exchangeFlow(backward, kReaches, kWindow, clear, {}, flow.backward, threads);
@@ -106,13 +115,15 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
       if (flow.backward.u.size() != size) flow.backward = doubled(flow.backward, size, threads);
       const Level backward{level.second, level.first, level.second_valid, interpolable(level.first_valid)};
       exchangeFlow(backward, kReaches, kWindow, mismatch, {}, flow.backward, threads);
-      hidden.uncovered =
-          coveredBy(flow.backward, matched(backward, flow.backward, kWindow, 2 * mismatch, threads)) == 0;
+      const cv::Mat1b trusted = matched(backward, flow.backward, kWindow, 2 * mismatch, threads) |
+                                consistent(flow.backward, flow.forward, kAgreement, threads);
+      hidden.uncovered = coveredBy(flow.backward, trusted) == 0;
     } else {
       cv::resize(hidden.uncovered, hidden.uncovered, size, 0, 0, cv::INTER_NEAREST);
     }
     if (l > 0) exchangeFlow(level, kReaches, kWindow, mismatch, hidden.uncovered, flow.forward, threads);
     hidden.visible = matched(level, flow.forward, kWindow, 2 * mismatch, threads);
+    if (l > 0) hidden.visible |= consistent(flow.forward, flow.backward, kAgreement, threads);
     // Specks are noise, not occlusion.
     cv::morphologyEx(hidden.visible, hidden.visible, cv::MORPH_CLOSE, cv::Mat::ones(7, 7, CV_8U));
     hidden.visible &= (hidden.uncovered == 0);

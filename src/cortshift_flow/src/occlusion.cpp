@@ -144,6 +144,23 @@ cv::Mat1b matched(const Level& level, const FlowPlanes& flow, int window, float 
   return result;
 }
 
+cv::Mat1b consistent(const FlowPlanes& flow, const FlowPlanes& opposite, float tolerance, int threads) {
+  const int width = flow.u.width(), height = flow.u.height();
+  cv::Mat1b result(height, width, uchar{0});
+  forRows(height, threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y)
+      for (int x = 0; x < width; ++x) {
+        const float u = flow.u.row(y)[x], v = flow.v.row(y)[x];
+        const long tx = std::lround(static_cast<float>(x) + u), ty = std::lround(static_cast<float>(y) + v);
+        if (tx < 0 || ty < 0 || tx >= width || ty >= height) continue;
+        const float gap_u = u + opposite.u.row(static_cast<int>(ty))[tx];
+        const float gap_v = v + opposite.v.row(static_cast<int>(ty))[tx];
+        result(y, x) = gap_u * gap_u + gap_v * gap_v <= tolerance * tolerance;
+      }
+  });
+  return result;
+}
+
 void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, FlowPlanes& flow, int threads) {
   const int width = visible.cols, height = visible.rows;
   cv::Mat smooth_image;

@@ -1,5 +1,4 @@
-#include <cmath>
-#include <functional>
+#include <fstream>
 #include <opencv2/core.hpp>
 #include <sstream>
 #include <stdexcept>
@@ -103,12 +102,18 @@ void FlowSettings::validate() const {
 }
 
 FlowSettings readSettings(const std::string& path) {
+  std::ifstream stream(path);
+  std::stringstream text;
+  if (!stream || !(text << stream.rdbuf())) throw std::runtime_error("cannot read settings from " + path);
+  // OpenCV's reader insists on a directive that people do not write.
+  const std::string content = text.str().rfind("%YAML", 0) == 0 ? text.str() : "%YAML:1.0\n---\n" + text.str();
   cv::FileStorage file;
   try {
-    if (!file.open(path, cv::FileStorage::READ)) throw std::runtime_error("cannot read " + path);
+    file.open(content, cv::FileStorage::READ | cv::FileStorage::MEMORY | cv::FileStorage::FORMAT_YAML);
   } catch (const cv::Exception& error) {
     throw std::invalid_argument(path + " is not YAML: " + error.err);
   }
+  if (!file.isOpened()) throw std::invalid_argument(path + " is not YAML");
   const cv::FileNode root = file.root();
   try {
     FlowSettings settings;

@@ -5,6 +5,7 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "cortshift_flow/flow.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "range.hpp"
 
@@ -58,6 +59,19 @@ cv::Mat targets(const cv::Mat& flow) {
   return map;
 }
 
+/// The flow's confidence, which stands for an error in grid units, as one that stands for millimetres of tissue: a
+/// field is as good on a fine grid as on a coarse one.
+cv::Mat confidenceInSpace(const cv::Mat& flow_confidence, double resolution, double half_trust) {
+  cv::Mat result(flow_confidence.size(), CV_32FC1);
+  for (int row = 0; row < result.rows; ++row)
+    for (int column = 0; column < result.cols; ++column) {
+      const double ratio =
+          cortshift_flow::predictedError(flow_confidence.at<float>(row, column)) * resolution / half_trust;
+      result.at<float>(row, column) = static_cast<float>(1 / (1 + ratio * ratio));
+    }
+  return result;
+}
+
 cv::Mat sample(const cv::Mat& image, const cv::Mat& map, int interpolation) {
   cv::Mat out;
   cv::remap(image, out, map, {}, interpolation, cv::BORDER_CONSTANT, 0);
@@ -71,6 +85,7 @@ void TrustSettings::validate() const {
   requireRange("glare", glare, 0.5, 1.0);
   requireRange("glare_margin", glare_margin, 0.0, 0.01);
   requireRange("match_window", match_window, 0.0005, 0.02);
+  requireRange("half_trust", half_trust, 0.00001, 0.01);
   requireRange("image_noise", image_noise, 0.0, 0.2);
 }
 
@@ -146,7 +161,8 @@ cv::Mat combineConfidence(const Projection& earlier, const Projection& later, co
   const cv::Mat map = targets(flow);
   const cv::Mat allowed = erodeBorder(earlier.mask, border) & earlier_usable &
                           sample(erodeBorder(later.mask, border) & later_usable, map, cv::INTER_NEAREST);
-  cv::Mat confidence = cv::min(flow_confidence, earlier.confidence);
+  cv::Mat confidence =
+      cv::min(confidenceInSpace(flow_confidence, earlier.resolution, settings.half_trust), earlier.confidence);
   confidence = cv::min(confidence, sample(later.confidence, map, cv::INTER_LINEAR));
   confidence = cv::min(confidence, matchConfidence(earlier, later, flow, earlier_usable, later_usable, settings));
   confidence.setTo(0, allowed == 0);

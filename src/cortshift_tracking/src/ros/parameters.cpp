@@ -33,6 +33,7 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const ros::NodeHandle& priva
   reader.number("glare", s.trust.glare, 0.5, 1.0);
   reader.number("glare_margin", s.trust.glare_margin, 0.0, 0.01);
   reader.number("match_window", s.trust.match_window, 0.0005, 0.02);
+  reader.number("half_trust", s.trust.half_trust, 0.00001, 0.01);
   reader.number("image_noise", s.trust.image_noise, 0.0, 0.2);
   reader.flag("strain", s.with_strain);
   reader.number("strain_window", s.strain.window, 0.0005, 0.02);
