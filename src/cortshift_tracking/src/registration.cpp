@@ -3,6 +3,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "cortshift_tracking/error.hpp"
+#include "flow_targets.hpp"
 #include "range.hpp"
 
 namespace cortshift_tracking {
@@ -21,18 +22,8 @@ cv::Mat selectChannels(const cv::Mat& colour, const std::string& channels) {
 
 using cortshift_flow::FlowResult;
 
-constexpr float kSettled = 0.5F;       // confidence from which a vector needs no second look and may guide others
+constexpr float kSettled = 0.3F;       // confidence from which a vector needs no second look and may guide others
 constexpr double kWorthARound = 0.03;  // part of the overlap that must be unsettled, or be won, for another round
-
-/// Where the earlier image's pixels are in the later one under `flow`.
-cv::Mat targets(const cv::Mat& flow) {
-  cv::Mat map(flow.size(), CV_32FC2);
-  for (int row = 0; row < flow.rows; ++row)
-    for (int column = 0; column < flow.cols; ++column)
-      map.at<cv::Vec2f>(row, column) =
-          flow.at<cv::Vec2f>(row, column) + cv::Vec2f(static_cast<float>(column), static_cast<float>(row));
-  return map;
-}
 
 /// The settled vectors, continued smoothly over all others.
 cv::Mat continued(const FlowResult& result) {
@@ -47,13 +38,13 @@ cv::Mat continued(const FlowResult& result) {
 /// @return part of the image that became settled
 double lookAgain(const cv::Mat& first, const cv::Mat& second, const cv::Mat& first_usable, const cv::Mat& second_usable,
                  const RegistrationSettings& settings, FlowResult& result) {
-  const cv::Mat guess = continued(result), map = targets(guess);
+  const cv::Mat guess = continued(result), map = flowTargets(guess);
   cv::Mat near, near_usable;
   cv::remap(second, near, map, {}, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
   cv::remap(second_usable, near_usable, map, {}, cv::INTER_NEAREST, cv::BORDER_CONSTANT, 0);
   const FlowResult rest = cortshift_flow::computeFlow(first, near, first_usable, near_usable, settings.flow);
   cv::Mat guess_there;  // near(y) is second(y + guess(y)), so the whole motion is rest(x) + guess(x + rest(x))
-  cv::remap(guess, guess_there, targets(rest.flow), {}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  cv::remap(guess, guess_there, flowTargets(rest.flow), {}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   const cv::Mat surer = rest.confidence > result.confidence, unsettled = result.confidence < kSettled;
   const cv::Mat replaced = surer & unsettled;
   const int settled = cv::countNonZero(replaced & (rest.confidence >= kSettled));
