@@ -7,6 +7,7 @@
 
 #include "cortshift_flow/flow.hpp"
 #include "cortshift_tracking/error.hpp"
+#include "flow_targets.hpp"
 #include "range.hpp"
 
 namespace cortshift_tracking {
@@ -47,16 +48,6 @@ cv::Mat luminance(const cv::Mat& colour) {
   cv::Mat grey;
   cv::cvtColor(colour, grey, cv::COLOR_BGR2GRAY);
   return grey;
-}
-
-/// Where each pixel of the earlier image is found in the later one.
-cv::Mat targets(const cv::Mat& flow) {
-  cv::Mat map(flow.size(), CV_32FC2);
-  for (int row = 0; row < flow.rows; ++row)
-    for (int column = 0; column < flow.cols; ++column)
-      map.at<cv::Vec2f>(row, column) =
-          flow.at<cv::Vec2f>(row, column) + cv::Vec2f(static_cast<float>(column), static_cast<float>(row));
-  return map;
 }
 
 /// The flow's confidence, which stands for an error in grid units, as one that stands for millimetres of tissue: a
@@ -122,7 +113,7 @@ double overlapOf(const Projection& earlier, const Projection& later) {
 cv::Mat matchConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
                         const cv::Mat& earlier_usable, const cv::Mat& later_usable, const TrustSettings& settings) {
   settings.validate();
-  const cv::Mat map = targets(flow);
+  const cv::Mat map = flowTargets(flow);
   const cv::Mat a = luminance(earlier.colour), b = sample(luminance(later.colour), map, cv::INTER_LINEAR);
   cv::Mat weight = earlier_usable & sample(later_usable, map, cv::INTER_NEAREST);
   weight.convertTo(weight, CV_32F, 1.0 / 255.0);
@@ -158,7 +149,7 @@ cv::Mat combineConfidence(const Projection& earlier, const Projection& later, co
                           const TrustSettings& settings) {
   settings.validate();
   const double border = settings.border / earlier.resolution;
-  const cv::Mat map = targets(flow);
+  const cv::Mat map = flowTargets(flow);
   const cv::Mat allowed = erodeBorder(earlier.mask, border) & earlier_usable &
                           sample(erodeBorder(later.mask, border) & later_usable, map, cv::INTER_NEAREST);
   cv::Mat confidence =

@@ -24,6 +24,7 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const ros::NodeHandle& priva
   reader.number("max_edge_ratio", s.projection.max_edge_ratio, 2.0, 50.0);
   reader.number("fold_tolerance", s.projection.fold_tolerance, 0.0, 0.01);
   reader.choice("channels", s.registration.channels, {"rgb", "green", "blue", "luminance"});
+  reader.number("more_rounds", s.registration.more_rounds, 0, 5);
   std::string inversion = "linear";
   reader.choice("inversion", inversion, {"linear", "nearest"});
   s.inversion.interpolation = inversion == "linear" ? Interpolation::kLinear : Interpolation::kNearest;
