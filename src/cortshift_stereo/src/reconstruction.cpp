@@ -123,7 +123,7 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   surface.points = triangulate(result.disparity, model);
   surface.colour = pair.left_colour;
   surface.confidence = confidenceOf(refined.deviation);
-  surface.confidence.setTo(0, result.disparity != result.disparity);
+  surface.confidence.setTo(0, ~(result.disparity == result.disparity));
   result.seconds = static_cast<double>(cv::getTickCount() - start) / cv::getTickFrequency();
   return result;
 }

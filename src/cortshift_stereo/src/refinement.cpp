@@ -331,7 +331,7 @@ double deviationOf(double confidence) { return kHalfConfidence * std::sqrt(std::
 cv::Mat confidenceOf(const cv::Mat& deviation) {
   const cv::Mat ratio = deviation / kHalfConfidence;
   cv::Mat confidence = 1 / (1 + ratio.mul(ratio));
-  confidence.setTo(0, deviation != deviation);
+  confidence.setTo(0, ~(deviation == deviation));  // NaN
   return confidence;
 }
 
