@@ -2,6 +2,7 @@
 
 #include <stereo_msgs/DisparityImage.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -149,6 +150,7 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
   // Asked for last: the tracker's sample after the stamp has had the time of the reconstruction to arrive.
   const Eigen::Isometry3d T_pmr_left = poses_.lookup(parameters_.map_frame, parameters_.camera_frame, stamp,
                                                      ros::WallDuration(parameters_.pose_timeout));
+  const std::size_t averaged = average(stamp, T_pmr_left, result);
   Surface surface_pmr = result.surface_left;
   surface_pmr.points = transformPoints(T_pmr_left, result.surface_left.points);
 
@@ -168,8 +170,30 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
     last_quality_ = result.quality;
     last_surface_stamp_ = stamp;
     last_seconds_ = result.seconds;
+    last_averaged_ = averaged;
   }
   publishDiagnostics();
+}
+
+std::size_t SurfaceReconstruction::average(const ros::Time& stamp, const Eigen::Isometry3d& T_pmr_left,
+                                           ReconstructionResult& result) {
+  if (parameters_.average_pairs == 1) return 1;
+  const auto another = [&](const PastFrame& past) {
+    const Eigen::Isometry3d movement = past.T_pmr_left.inverse() * T_pmr_left;
+    return past.stamp >= stamp || (stamp - past.stamp).toSec() > parameters_.average_window ||
+           past.rectifier != rectifier_ || movement.translation().norm() > parameters_.average_max_translation ||
+           Eigen::AngleAxisd(movement.linear()).angle() > parameters_.average_max_rotation;
+  };
+  past_.erase(std::remove_if(past_.begin(), past_.end(), another), past_.end());
+  if (past_.size() >= static_cast<std::size_t>(parameters_.average_pairs)) past_.erase(past_.begin());
+  past_.push_back(
+      {stamp, T_pmr_left, rectifier_, {result.disparity, result.surface_left.colour, result.surface_left.confidence}});
+  std::vector<Frame> frames;
+  for (const PastFrame& past : past_) frames.push_back(past.frame);
+  ReconstructionResult mean = averageFrames(frames, rectifier_->model());
+  result.disparity = mean.disparity;
+  result.surface_left = mean.surface_left;
+  return frames.size();
 }
 
 std::shared_ptr<const Rectifier> SurfaceReconstruction::rectifier() {
@@ -254,6 +278,7 @@ void SurfaceReconstruction::diagnose(diagnostic_updater::DiagnosticStatusWrapper
   status.add("surfaces_published", surfaces_published_);
   for (const auto& [reason, count] : drops_) status.add("dropped_" + reason, count);
   if (!last_quality_) return;
+  status.add("averaged_pairs", last_averaged_);
   status.add("coverage", text(last_quality_->coverage));
   status.add("search_range_px", std::to_string(last_quality_->search_range.start) + " ... " +
                                     std::to_string(last_quality_->search_range.end));
