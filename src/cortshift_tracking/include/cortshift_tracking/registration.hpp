@@ -11,7 +11,7 @@ namespace cortshift_tracking {
 
 struct RegistrationSettings {
   std::string channels = "rgb";  ///< rgb, green, blue or luminance: what the flow sees (paper, Discussion: bleeding)
-  int more_rounds = 0;  ///< of flow where much is left unsure, each from the sure vectors around it, 0 ... 5
+  int more_rounds = 0;           ///< of flow where much is left unsure, each from the sure vectors around it, 0 ... 5
   cortshift_flow::FlowSettings flow;
 
   /// @throws TrackingError naming the setting, its value and what is allowed.

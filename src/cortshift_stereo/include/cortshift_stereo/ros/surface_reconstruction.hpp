@@ -16,9 +16,9 @@
 #include <string>
 #include <thread>
 
+#include "cortshift_stereo/calibration/settings_warp.hpp"
 #include "cortshift_stereo/frame_average.hpp"
 #include "cortshift_stereo/pair_synchroniser.hpp"
-#include "cortshift_stereo/calibration/settings_warp.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo/ros/pose_lookup.hpp"
 
