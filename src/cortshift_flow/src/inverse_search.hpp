@@ -6,9 +6,13 @@
 
 namespace cortshift_flow {
 
-/// Flow between the images of `fine` (first to second) on the grid of half its density, in that grid's pixels.
+struct InverseSearch {
+  FlowPlanes forward, backward;
+};
+
+/// Flow between the images of `fine`, both ways, on the grid of half its density, in that grid's pixels.
 /// @param size  of that grid
-FlowPlanes inverseSearch(const Level& fine, cv::Size size);
+InverseSearch inverseSearch(const Level& fine, cv::Size size, int threads);
 
 /// Takes `other` in place of `flow` where windows then mismatch clearly less.
 void adoptWhereBetter(const Level& level, const FlowPlanes& other, FlowPlanes& flow, int threads);

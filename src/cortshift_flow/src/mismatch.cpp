@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <opencv2/core/hal/intrin.hpp>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
 #include "parallel.hpp"
 
@@ -50,6 +51,36 @@ Plane windowMismatch(const Level& level, const FlowPlanes& flow, int window, int
   cv::boxFilter(pixel, mean, -1, cv::Size(side, side), cv::Point(-1, -1), true, cv::BORDER_REPLICATE);
   Plane result(height, width);
   for (int y = 0; y < height; ++y) std::copy_n(mean.ptr<float>(y), width, result.row(y));
+  return result;
+}
+
+MismatchScale mismatchScale(const Level& level, const FlowPlanes& flow, int threads) {
+  const Plane mean = windowMismatch(level, flow, kMatchWindow, threads);
+  std::vector<float> values;
+  for (int y = 0; y < mean.height(); y += 2)
+    for (int x = 0; x < mean.width(); x += 2) values.push_back(mean.row(y)[x]);
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  const float usual = *middle;
+  MismatchScale scale;
+  scale.suspect = std::max(std::clamp(4 * usual, 0.02f, 0.12f), 1.5f * usual);
+  scale.unmatched = std::max(std::min(2 * scale.suspect, 0.065f), 1.7f * usual);
+  return scale;
+}
+
+cv::Mat1b matched(const Level& level, const FlowPlanes& flow, float limit, int threads) {
+  const Plane mean = windowMismatch(level, flow, kMatchWindow, threads);
+  cv::Mat1b result(mean.size());
+  const auto last_x = static_cast<float>(mean.width() - 1), last_y = static_cast<float>(mean.height() - 1);
+  forRows(mean.height(), threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y) {
+      const float *u = flow.u.row(y), *v = flow.v.row(y), *mismatch = mean.row(y);
+      for (int x = 0; x < mean.width(); ++x) {
+        const float px = static_cast<float>(x) + u[x], py = static_cast<float>(y) + v[x];
+        result(y, x) = mismatch[x] <= limit && px >= 0 && py >= 0 && px <= last_x && py <= last_y;
+      }
+    }
+  });
   return result;
 }
 

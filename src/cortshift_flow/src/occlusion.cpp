@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "fill.hpp"
-#include "mismatch.hpp"
 #include "parallel.hpp"
 
 namespace cortshift_flow {
@@ -123,25 +122,6 @@ cv::Mat1b coveredBy(const FlowPlanes& backward, const cv::Mat1b& trusted) {
   cv::Mat1f smooth;
   cv::boxFilter(weight, smooth, -1, cv::Size(3, 3), cv::Point(-1, -1), true, cv::BORDER_REPLICATE);
   return cv::Mat1b(smooth > 0.35f) / 255;
-}
-
-float typicalMismatch(const Level& level, const FlowPlanes& flow, int window, int threads) {
-  const Plane mean = windowMismatch(level, flow, window, threads);
-  std::vector<float> values;
-  for (int y = 0; y < mean.height(); y += 2)
-    for (int x = 0; x < mean.width(); x += 2) values.push_back(mean.row(y)[x]);
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-cv::Mat1b matched(const Level& level, const FlowPlanes& flow, int window, float mismatch, int threads) {
-  const Plane mean = windowMismatch(level, flow, window, threads);
-  cv::Mat1b result(mean.size());
-  const float limit = std::min(mismatch, 0.9f * kUnseen);
-  for (int y = 0; y < mean.height(); ++y)
-    for (int x = 0; x < mean.width(); ++x) result(y, x) = mean.row(y)[x] <= limit;
-  return result;
 }
 
 cv::Mat1b consistent(const FlowPlanes& flow, const FlowPlanes& opposite, float tolerance, int threads) {
