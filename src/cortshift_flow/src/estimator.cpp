@@ -50,7 +50,8 @@ Hidden findHidden(const Level& level, const FlowBothWays& flow, const cv::Mat1b&
   cv::morphologyEx(hidden.visible, hidden.visible, cv::MORPH_CLOSE, cv::Mat::ones(7, 7, CV_8U));
   hidden.visible &= (uncovered == 0);
   if (!level.first_valid.empty()) hidden.visible &= level.first_valid;
-  cv::erode(hidden.visible, hidden.visible, cv::Mat::ones(3, 3, CV_8U));
+  // Next to what is hidden the flow is unsure, and everything hidden is continued from there.
+  cv::erode(hidden.visible, hidden.visible, cv::Mat::ones(5, 5, CV_8U));
   return hidden;
 }
 

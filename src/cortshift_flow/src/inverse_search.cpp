@@ -66,13 +66,14 @@ InverseSearch inverseSearch(const Level& fine, cv::Size size, int threads) {
   return result;
 }
 
-void adoptWhereBetter(const Level& level, const FlowPlanes& other, FlowPlanes& flow, int threads) {
+void adoptWhereBetter(const Level& level, const FlowPlanes& other, const cv::Mat1b& eligible, FlowPlanes& flow,
+                      int threads) {
   const Plane present = windowMismatch(level, flow, kWindow, threads);
   const Plane offered = windowMismatch(level, other, kWindow, threads);
   forRows(present.height(), threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)
       for (int x = 0; x < present.width(); ++x)
-        if (offered.row(y)[x] < kClearlyBetter * present.row(y)[x]) {
+        if (eligible(y, x) && offered.row(y)[x] < kClearlyBetter * present.row(y)[x]) {
           flow.u.row(y)[x] = other.u.row(y)[x];
           flow.v.row(y)[x] = other.v.row(y)[x];
         }

@@ -14,6 +14,7 @@
 namespace cortshift_flow {
 namespace {
 
+constexpr float kPatchAgreement = 1.5f;  // of the patches' flow forward and backward [px of the level]
 constexpr int kSearchSide = 48;  // the search runs at the first level whose shorter side is below twice this [px]
 
 CoarseSearch searchAt(const Level& level, double range) {
@@ -25,9 +26,10 @@ CoarseSearch searchAt(const Level& level, double range) {
 /// Takes the patches' flow where it fits better: they follow what the windows of the search lose.
 void consultPatches(const Level& finer, const Level& forward, const Level& backward, FlowBothWays& flow, int threads) {
   InverseSearch patches = inverseSearch(finer, forward.first.size(), threads);
-  adoptWhereBetter(forward, flow.forward, patches.forward, threads);
-  adoptWhereBetter(backward, flow.backward, patches.backward, threads);
-  flow = {std::move(patches.forward), std::move(patches.backward)};
+  const cv::Mat1b agree_forward = consistent(patches.forward, patches.backward, kPatchAgreement, threads);
+  const cv::Mat1b agree_backward = consistent(patches.backward, patches.forward, kPatchAgreement, threads);
+  adoptWhereBetter(forward, patches.forward, agree_forward, flow.forward, threads);
+  adoptWhereBetter(backward, patches.backward, agree_backward, flow.backward, threads);
 }
 
 }  // namespace
