@@ -114,7 +114,8 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   exchangeFlow(level, {6, 12}, 1, scale.suspect, settled, flow.forward, threads);
 
   Estimate estimate;
-  estimate.confidence = predictConfidence(level, flow.forward, hidden.visible, polished, scale.suspect, threads);
+  estimate.confidence = predictConfidence(level, flow.forward, hidden.visible, polished,
+                                          static_cast<float>(settings.curvature), scale.suspect, threads);
   estimate.flow = std::move(flow.forward);
   return estimate;
 }
