@@ -63,37 +63,45 @@ cv::Mat1f nodeError(const PolishedFlow& polished, float curvature) {
 
 }  // namespace
 
-float confidenceOf(float predicted_error) {
-  const float ratio = predicted_error / kHalfConfidence;
-  return 1 / (1 + ratio * ratio);
-}
-
 double predictedError(double confidence) {
   return confidence > 0 ? kHalfConfidence * std::sqrt(std::max(0.0, 1 / confidence - 1))
                         : std::numeric_limits<double>::infinity();
 }
 
-cv::Mat1f predictConfidence(const Level& level, const FlowPlanes& flow, const cv::Mat1b& visible,
-                            const PolishedFlow& polished, float curvature, float suspect, int threads) {
+cv::Mat1f predictError(const Level& level, const FlowPlanes& flow, const cv::Mat1b& visible,
+                       const PolishedFlow& polished, float curvature, float suspect, int threads) {
   const Plane mismatch = windowMismatch(level, flow, kMatchWindow, threads);
   const float unmatched = std::max(2 * suspect, kLeastUnmatched);
   const cv::Mat1f at_node = nodeError(polished, curvature);
-  cv::Mat hidden_distance;
-  cv::distanceTransform(visible == 0, hidden_distance, cv::DIST_L2, 3, CV_32F);
-  cv::Mat1f confidence(level.first.size());
-  forRows(confidence.rows, threads, [&](int begin, int end) {
+  cv::Mat1f error;
+  cv::distanceTransform(visible == 0, error, cv::DIST_L2, 3, CV_32F);
+  forRows(error.rows, threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y) {
+      const uchar* valid = level.first_valid.empty() ? nullptr : level.first_valid.ptr(y);
+      const uchar *regular = polished.regular.ptr(y / SplineGrid::kSpacing), *seen = visible.ptr(y);
+      const float *node = at_node.ptr<float>(y / SplineGrid::kSpacing + 1),
+                  *node_below = at_node.ptr<float>(y / SplineGrid::kSpacing + 2), *mismatches = mismatch.row(y);
+      float* out = error.ptr<float>(y);
+      for (int x = 0; x < error.cols; ++x) {
+        const int i = x / SplineGrid::kSpacing;
+        float e = kLeastError + kPerHiddenPixel * out[x] + std::max(node[i + 1], node_below[i + 2]);
+        if (!regular[i]) e = std::max(e, kAtBoundary);
+        if (seen[x] && mismatches[x] > unmatched) e = std::max(e, kUnmatched);
+        out[x] = valid && !valid[x] ? std::numeric_limits<float>::infinity() : e;
+      }
+    }
+  });
+  return error;
+}
+
+cv::Mat1f confidenceFromError(const cv::Mat1f& error, int l, cv::Size size, int threads) {
+  cv::Mat1f confidence(size);
+  const auto scale = static_cast<float>(1 << l) / kHalfConfidence;
+  forRows(size.height, threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)
-      for (int x = 0; x < confidence.cols; ++x) {
-        if (!level.first_valid.empty() && !level.first_valid(y, x)) {
-          confidence(y, x) = 0;
-          continue;
-        }
-        const int j = y / SplineGrid::kSpacing, i = x / SplineGrid::kSpacing;
-        float error = kLeastError + kPerHiddenPixel * hidden_distance.at<float>(y, x) +
-                      std::max(at_node(j + 1, i + 1), at_node(j + 2, i + 2));
-        if (!polished.regular(j, i)) error = std::max(error, kAtBoundary);
-        if (visible(y, x) && mismatch.row(y)[x] > unmatched) error = std::max(error, kUnmatched);
-        confidence(y, x) = confidenceOf(error);
+      for (int x = 0; x < size.width; ++x) {
+        const float ratio = scale * error(y >> l, x >> l);
+        confidence(y, x) = 1 / (1 + ratio * ratio);
       }
   });
   return confidence;

@@ -31,6 +31,7 @@ struct FlowSettings {
   double curvature = 0.004;          ///< expected second difference of the flow over 4 px [px]
   int coarse_polish_iterations = 5;  ///< Gauss-Newton steps at each coarser level
   int full_polish_iterations = 2;    ///< and at full resolution
+  int finest_level = 0;              ///< where the polish ends: 0 full resolution, 1 half, 2 a quarter
 
   double search_range = 0.3;  ///< largest motion along an axis, as a share of the shorter side (kPolished)
 
