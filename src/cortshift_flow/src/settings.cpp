@@ -24,6 +24,7 @@ const std::vector<Entry>& entries() {
       {"outer_iterations", &FlowSettings::outer_iterations, nullptr, 1, 100},
       {"inner_iterations", &FlowSettings::inner_iterations, nullptr, 1, 100},
       {"solver_iterations", &FlowSettings::solver_iterations, nullptr, 1, 1000},
+      {"presmoothing", nullptr, &FlowSettings::presmoothing, 0, 5},
       {"curvature", nullptr, &FlowSettings::curvature, 1e-6, 10},
       {"coarse_polish_iterations", &FlowSettings::coarse_polish_iterations, nullptr, 0, 100},
       {"full_polish_iterations", &FlowSettings::full_polish_iterations, nullptr, 1, 100},
@@ -84,9 +85,8 @@ FlowSettings FlowSettings::preset(const std::string& name) {
   if (name == "ji2014") {
     settings.method = Method::kVariational;
     settings.alpha = 0.02;
-    settings.outer_iterations = 7;
-    settings.inner_iterations = 1;
-    settings.solver_iterations = 30;
+    settings.outer_iterations = 3;
+    settings.presmoothing = 0.5;
     return settings;
   }
   std::string known;

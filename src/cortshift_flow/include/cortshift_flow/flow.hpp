@@ -27,6 +27,8 @@ struct FlowSettings {
   int inner_iterations = 1;    ///< updates of psi' and phi' per linearisation
   int solver_iterations = 10;  ///< sweeps of successive over-relaxation per update
 
+  double presmoothing = 0;  ///< standard deviation of a Gaussian over each level's images [px] (kVariational)
+
   // Polish (kPolished).
   double curvature = 0.004;          ///< expected second difference of the flow over 4 px [px]
   int coarse_polish_iterations = 5;  ///< Gauss-Newton steps at each coarser level
