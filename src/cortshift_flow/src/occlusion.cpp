@@ -230,7 +230,7 @@ void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, Continue sid
     for (int i = 0; i < grid.width; ++i) {
       if (hidden(j, i) == 0) continue;
       const cv::Vec4f& c = candidates(j, i);
-      chosen(j, i) = evidence_sum(j, i) <= kPreferMoving * hidden_sum(j, i);
+      const bool moving = side == Continue::kByColour && evidence_sum(j, i) <= kPreferMoving * hidden_sum(j, i);
       chosen(j, i) = moving ? cv::Vec3f(c[0], c[1], 1) : cv::Vec3f(c[2], c[3], 2);
     }
   forRows(height, threads, [&](int begin, int end) {

@@ -16,11 +16,11 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr int kLinearisations = 8;      // per level
-constexpr int kMedian = 5;              // side of the median filter [px]
-constexpr float kAgreement = 1;         // of forward and backward flow [px of the level]
-constexpr float kOrdinaryError = 0.2f;  // where both directions agree [px]
-constexpr float kHiddenError = 4;       // where they do not [px]
+constexpr int kLinearisations = 8, kFullLinearisations = 4;  // per level, and at full resolution
+constexpr int kMedian = 5;                                   // side of the median filter [px]
+constexpr float kAgreement = 1;                              // of forward and backward flow [px of the level]
+constexpr float kOrdinaryError = 0.2f;                       // where both directions agree [px]
+constexpr float kHiddenError = 4;                            // where they do not [px]
 
 void medianFilter(FlowPlanes& flow) {
   for (Plane* plane : {&flow.u, &flow.v}) {
@@ -31,12 +31,12 @@ void medianFilter(FlowPlanes& flow) {
   }
 }
 
-void improve(const Level& level, FlowPlanes& flow, int threads) {
+void improve(const Level& level, int linearisations, FlowPlanes& flow, int threads) {
   LevelEffort effort;
   effort.warps = 1;
   effort.fixed_points = 3;
   effort.sweeps = 15;
-  for (int i = 0; i < kLinearisations; ++i) {
+  for (int i = 0; i < linearisations; ++i) {
     refine(level, {1, 1, 1, 0}, effort, flow, threads);
     medianFilter(flow);
   }
@@ -69,13 +69,14 @@ PiecewiseFlow piecewiseFlow(const std::vector<Level>& levels, int start, int fin
     const Level texture = highPass(level);
     const Level forward = interpolableLevel(texture), backward = interpolableLevel(swapped(texture));
     const cv::Size size = level.first.size();
+    const int linearisations = l > 0 ? kLinearisations : kFullLinearisations;
     if (flow.forward.u.size() != size)
       flow = {doubled(flow.forward, size, threads), doubled(flow.backward, size, threads)};
     const float suspect = mismatchScale(forward, flow.forward, threads).suspect;
     exchangeFlow(forward, exchangeReaches(), kMatchWindow, suspect, {}, flow.forward, threads);
     exchangeFlow(backward, exchangeReaches(), kMatchWindow, suspect, {}, flow.backward, threads);
-    improve(forward, flow.forward, threads);
-    improve(backward, flow.backward, threads);
+    improve(forward, linearisations, flow.forward, threads);
+    improve(backward, linearisations, flow.backward, threads);
     agree = consistent(flow.forward, flow.backward, kAgreement, threads);
     const cv::Mat1b agree_back = consistent(flow.backward, flow.forward, kAgreement, threads);
     continueFlow(level.first, agree, Continue::kResting, flow.forward, threads);
