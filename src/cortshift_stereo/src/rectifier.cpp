@@ -12,7 +12,7 @@
 namespace cortshift_stereo {
 namespace {
 
-constexpr int kSaturated = 250;  // [grey levels] in the brightest channel: tissue there has no texture left
+constexpr int kSaturated = 250;  // [grey levels] in two channels at least: no texture is left there
 
 constexpr double kBlur = 0.9;  // [px] before resampling: what is left is what cubic convolution can interpolate
 
@@ -136,7 +136,9 @@ cv::Mat Rectifier::usable(const cv::Mat& raw, const Side& side) {
     const uint8_t* from = raw.ptr<uint8_t>(y);
     uint8_t* to = mask.ptr<uint8_t>(y);
     for (int x = 0; x < raw.cols; ++x) {
-      const bool saturated = std::max({from[3 * x], from[3 * x + 1], from[3 * x + 2]}) >= kSaturated;
+      const int channels =
+          (from[3 * x] >= kSaturated) + (from[3 * x + 1] >= kSaturated) + (from[3 * x + 2] >= kSaturated);
+      const bool saturated = channels >= 2;
       any |= saturated;
       to[x] = saturated ? 0 : 255;
     }
