@@ -83,17 +83,21 @@ double firstColourContrast(const cv::Mat& image, const std::vector<cv::Point2f>&
 
 }  // namespace
 
-Board Board::parse(const std::string& text, double square) {
+cv::Size Board::parseCorners(const std::string& text) {
   std::smatch parts;
   if (!std::regex_match(text, parts, std::regex("([0-9]{1,3})x([0-9]{1,3})")))
     throw CalibrationError("board '" + text + "': give the inner corners along x and y, such as 9x6");
-  const Board board{{std::stoi(parts[1]), std::stoi(parts[2])}, square};
-  if (board.corners.width < kFewestCorners || board.corners.height < kFewestCorners)
+  const cv::Size corners(std::stoi(parts[1]), std::stoi(parts[2]));
+  if (corners.width < kFewestCorners || corners.height < kFewestCorners)
     throw CalibrationError("board " + text + ": at least 3x3 inner corners are needed");
+  return corners;
+}
+
+Board Board::parse(const std::string& text, double square) {
   if (!(square > 0) || square > 1)
     throw CalibrationError("square " + std::to_string(square) +
                            " m: the side of a square must lie in (0, 1] m (metres, not millimetres)");
-  return board;
+  return {parseCorners(text), square};
 }
 
 std::string Board::name() const { return std::to_string(corners.width) + "x" + std::to_string(corners.height); }

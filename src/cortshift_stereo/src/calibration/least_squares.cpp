@@ -10,6 +10,7 @@ namespace {
 constexpr double kStep = 1e-6;
 constexpr int kMostIterations = 100;
 constexpr double kSmallestGain = 1e-12;  // relative decrease of the cost below which nothing is left to gain
+constexpr double kSmallestStep = 1e-12;
 constexpr double kLargestDamping = 1e12;
 
 struct NormalEquations {
@@ -78,9 +79,11 @@ LeastSquaresSolution minimise(const ViewResiduals& residuals, const Eigen::Vecto
     damped.diagonal() *= 1 + damping;
     Eigen::VectorXd next_shared = solution.shared;
     auto next_own = solution.own;
-    advance(-damped.ldlt().solve(normal.gradient), next_shared, next_own);
+    const Eigen::VectorXd step = -damped.ldlt().solve(normal.gradient);
+    advance(step, next_shared, next_own);
     const double cost = costOf(residuals, next_shared, next_own);
-    solution.converged = std::abs(normal.cost - cost) <= kSmallestGain * normal.cost;
+    solution.converged =
+        std::abs(normal.cost - cost) <= kSmallestGain * normal.cost || step.lpNorm<Eigen::Infinity>() <= kSmallestStep;
     if (!(cost <= normal.cost)) {  // also where it is NaN
       damping *= 10;
       continue;

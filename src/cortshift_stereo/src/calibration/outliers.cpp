@@ -10,11 +10,10 @@ double median(std::vector<double> values) {
   return values.empty() ? 0.0 : *middle;
 }
 
-std::optional<std::size_t> findOutlier(const std::vector<double>& values, double floor) {
+std::optional<std::size_t> findOutlier(const std::vector<double>& values, double floor, double times) {
   if (values.empty()) return std::nullopt;
   const auto worst = std::max_element(values.begin(), values.end());
-  constexpr double kTimesMedian = 3;
-  if (!(*worst > std::max(floor, kTimesMedian * median(values)))) return std::nullopt;
+  if (!(*worst > std::max(floor, times * median(values)))) return std::nullopt;
   return static_cast<std::size_t>(worst - values.begin());
 }
 

@@ -143,8 +143,8 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
   const auto decode = [](const Image& image) {
     return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
   };
-  checkSettings();
   const std::shared_ptr<const Rectifier> rectifier = this->rectifier();
+  checkSettings();
   ReconstructionResult result =
       reconstruct(decode(pair.left), decode(pair.right), *rectifier, parameters_.reconstruction);
   // Asked for last: the tracker's sample after the stamp has had the time of the reconstruction to arrive.
@@ -214,6 +214,7 @@ std::shared_ptr<const Rectifier> SurfaceReconstruction::rectifier() {
     rectifier_ = std::make_shared<const Rectifier>(stereoModelFromInfo(*left, *right));
     rectifier_infos_[0] = left;
     rectifier_infos_[1] = right;
+    calibrated_setting_ = parameters_.referenceSetting();
   }
   return rectifier_;
 }
@@ -225,17 +226,23 @@ void SurfaceReconstruction::checkSettings() {
     settings = settings_;
   }
   if (!settings) return;  // absent means the reference setting
+  const MicroscopeSetting now{settings->magnification, settings->focal_length};
+  if (!calibrated_setting_) {
+    ROS_WARN_STREAM("no reference setting is configured: magnification "
+                    << now.magnification << " and focal length " << now.focal_length
+                    << " m are taken for those that the calibration in camera_info was made at");
+    calibrated_setting_ = now;
+  }
   const auto same = [&](double value, double reference) {
     return std::abs(value - reference) <= parameters_.settings_tolerance * reference;
   };
-  if (!same(settings->magnification, parameters_.reference_magnification) ||
-      !same(settings->focal_length, parameters_.reference_focal_length))
-    throw PairError("settings",
-                    "The microscope is at magnification " + text(settings->magnification) + " and focal length " +
-                        text(settings->focal_length) + " m, but the calibration is for magnification " +
-                        text(parameters_.reference_magnification) + " and focal length " +
-                        text(parameters_.reference_focal_length) +
-                        " m, and no calibration of other settings is loaded: return to the reference setting.");
+  if (!same(now.magnification, calibrated_setting_->magnification) ||
+      !same(now.focal_length, calibrated_setting_->focal_length))
+    throw PairError("settings", "The microscope is at magnification " + text(now.magnification) + " and focal length " +
+                                    text(now.focal_length) + " m, but the calibration is for magnification " +
+                                    text(calibrated_setting_->magnification) + " and focal length " +
+                                    text(calibrated_setting_->focal_length) +
+                                    " m, and no calibration of other settings is loaded: return to that setting.");
 }
 
 void SurfaceReconstruction::drop(const std::string& reason, const ros::Time& stamp, const std::string& message) {

@@ -3,6 +3,11 @@
 
 namespace cortshift_stereo {
 
+std::optional<MicroscopeSetting> SurfaceReconstructionParameters::referenceSetting() const {
+  if (reference_magnification == 0) return std::nullopt;
+  return MicroscopeSetting{reference_magnification, reference_focal_length};
+}
+
 SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const ros::NodeHandle& private_node) {
   SurfaceReconstructionParameters p;
   ParameterReader reader(private_node);
@@ -13,8 +18,10 @@ SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const ros:
   reader.number("max_pose_gap", p.max_pose_gap, 0.001, 2.0);
   reader.number("pose_timeout", p.pose_timeout, 0.0, 10.0);
   reader.number("calibration_timeout", p.calibration_timeout, 0.0, 10.0);
-  reader.number("reference_magnification", p.reference_magnification, 0.01, 100.0);
-  reader.number("reference_focal_length", p.reference_focal_length, 0.01, 10.0);
+  reader.number("reference_magnification", p.reference_magnification, 0.0, 100.0);
+  reader.number("reference_focal_length", p.reference_focal_length, 0.0, 10.0);
+  if ((p.reference_magnification == 0) != (p.reference_focal_length == 0))
+    throw ParameterError("of reference_magnification and reference_focal_length one is given and the other is not");
   reader.number("settings_tolerance", p.settings_tolerance, 0.0, 0.1);
   reader.number("average_pairs", p.average_pairs, 1, 64);
   reader.number("average_window", p.average_window, 0.01, 60.0);

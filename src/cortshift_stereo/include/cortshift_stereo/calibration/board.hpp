@@ -16,12 +16,15 @@ using Corners = std::vector<cv::Point2d>;
 /// A chessboard by its inner corners.
 struct Board {
   cv::Size corners;   ///< inner corners along x and y
-  double square = 0;  ///< side of a square [m]
+  double square = 0;  ///< side of a square [m]; findBoard does without it
+
+  /// @param text  inner corners as "9x6"
+  /// @throws CalibrationError if the text has another form or says fewer than 3 corners a side.
+  static cv::Size parseCorners(const std::string& text);
 
   /// @param text    inner corners as "9x6"
   /// @param square  [m]
-  /// @throws CalibrationError if the text has another form, fewer than 3 corners a side, or the square is not in
-  ///         (0, 1] m.
+  /// @throws CalibrationError as parseCorners, or if the square is not in (0, 1] m.
   static Board parse(const std::string& text, double square);
 
   std::string name() const;                 ///< "9x6"
