@@ -289,8 +289,10 @@ cv::Mat bendingWeights(const cv::Mat& cells, int cell) {
 /// and the stiffness; the scale was fitted to phantoms, where it holds within a factor of two from 0.01 to 0.5 px.
 cv::Mat deviationOfCells(const cv::Mat& information, const cv::Mat& stiffness) {
   constexpr double kScale = 1.6;
+  constexpr double kLeastStiffness = 1;  // at an edge of depth the data alone decide
   cv::Mat deviation;
-  cv::pow(blurCells(information, 1.0).mul(blurCells(stiffness, 0.7)) + 1e-9, -0.5, deviation);
+  const cv::Mat stiff = cv::max(blurCells(stiffness, 0.7), kLeastStiffness);
+  cv::pow(blurCells(information, 1.0).mul(stiff) + 1e-9, -0.5, deviation);
   return kScale * deviation;
 }
 
@@ -348,9 +350,19 @@ RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start
 double deviationOf(double confidence) { return kHalfConfidence * std::sqrt(std::max(0.0, 1 / confidence - 1)); }
 
 cv::Mat confidenceOf(const cv::Mat& deviation) {
-  const cv::Mat ratio = deviation / kHalfConfidence;
-  cv::Mat confidence = 1 / (1 + ratio.mul(ratio));
-  confidence.setTo(0, ~(deviation == deviation));  // NaN
+  CV_Assert(deviation.type() == CV_32FC1);
+  cv::Mat confidence(deviation.size(), CV_32FC1);
+  cv::parallel_for_(cv::Range(0, deviation.rows), [&](const cv::Range& rows) {
+    constexpr auto kScale = static_cast<float>(1 / (kHalfConfidence * kHalfConfidence));
+    for (int y = rows.start; y < rows.end; ++y) {
+      const float* from = deviation.ptr<float>(y);
+      float* to = confidence.ptr<float>(y);
+      for (int x = 0; x < deviation.cols; ++x) {
+        const float value = 1 / (1 + kScale * from[x] * from[x]);
+        to[x] = value > 0 ? value : 0;  // for NaN too
+      }
+    }
+  });
   return confidence;
 }
 
