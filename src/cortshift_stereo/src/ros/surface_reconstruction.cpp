@@ -2,10 +2,10 @@
 
 #include <stereo_msgs/DisparityImage.h>
 
-#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <type_traits>
 
 #include "cortshift_stereo/point_transform.hpp"
@@ -34,6 +34,13 @@ bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::Camera
   return a == other;
 }
 
+std::shared_ptr<const SettingsFields> fieldsOf(const std::string& folder) {
+  if (folder.empty()) return nullptr;
+  return std::make_shared<const SettingsFields>(readSettingsFields(folder));
+}
+
+constexpr std::uint32_t kMostPairs = 64;  // of one mean
+
 }  // namespace
 
 template <typename Message>
@@ -56,7 +63,10 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
     : parameters_(parameters),
       node_(node),
       poses_(parameters.max_pose_gap),
-      synchroniser_(std::llround(1e9 * parameters.sync_tolerance), parameters.pair_timeout) {
+      synchroniser_(std::llround(1e9 * parameters.sync_tolerance), parameters.pair_timeout),
+      recent_(parameters.average, static_cast<std::size_t>(parameters.average_pairs)),
+      rectifiers_(fieldsOf(parameters.settings_calibration), parameters.referenceSetting(),
+                  parameters.settings_tolerance) {
   points_publisher_ = node_.advertise<sensor_msgs::PointCloud2>("surface/points", 2);
   disparity_publisher_ = node_.advertise<stereo_msgs::DisparityImage>("surface/disparity", 2);
   updater_.setHardwareID("none");
@@ -70,13 +80,19 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
   subscribers_.push_back(node_.subscribe<cortshift_msgs::MicroscopeSettings>(
       "microscope/settings", 10, [this](const cortshift_msgs::MicroscopeSettings::ConstPtr& message) {
         const std::lock_guard<std::mutex> lock(input_mutex_);
-        settings_ = *message;
+        settings_.add(static_cast<std::int64_t>(message->header.stamp.toNSec()),
+                      {message->magnification, message->focal_length});
       }));
   unpaired_timer_ =
       node_.createWallTimer(ros::WallDuration(0.1), [this](const ros::WallTimerEvent&) { reportUnpaired(); });
   diagnostics_timer_ =
       node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
   worker_ = std::thread([this] { work(); });
+  ros::NodeHandle services("~");
+  services.setCallbackQueue(&service_queue_);  // a request waits for pairs
+  average_service_ = services.advertiseService("average_pairs", &SurfaceReconstruction::averagePairs, this);
+  service_spinner_ = std::make_unique<ros::AsyncSpinner>(2, &service_queue_);
+  service_spinner_->start();
 }
 
 SurfaceReconstruction::~SurfaceReconstruction() {
@@ -85,6 +101,12 @@ SurfaceReconstruction::~SurfaceReconstruction() {
     stop_ = true;
   }
   input_arrived_.notify_all();
+  {
+    const std::lock_guard<std::mutex> lock(collection_mutex_);
+    collecting_ends_ = true;
+  }
+  collected_.notify_all();
+  service_spinner_->stop();
   worker_.join();
 }
 
@@ -143,22 +165,37 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
   const auto decode = [](const Image& image) {
     return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
   };
-  const std::shared_ptr<const Rectifier> rectifier = this->rectifier();
-  checkSettings();
+  calibrate();
+  const std::optional<MicroscopeSetting> setting = settingAt(stamp);
+  if (setting && parameters_.settings_calibration.empty() && !parameters_.referenceSetting())
+    ROS_WARN_STREAM_ONCE("no reference setting is configured: the first one that is reported, "
+                         << describe(*setting) << ", is taken for that of the calibration in camera_info");
+  const std::shared_ptr<const Rectifier> rectifier = rectifiers_.at(setting);
   ReconstructionResult result =
       reconstruct(decode(pair.left), decode(pair.right), *rectifier, parameters_.reconstruction);
   // Asked for last: the tracker's sample after the stamp has had the time of the reconstruction to arrive.
   const Eigen::Isometry3d T_pmr_left = poses_.lookup(parameters_.map_frame, parameters_.camera_frame, stamp,
                                                      ros::WallDuration(parameters_.pose_timeout));
-  const std::size_t averaged = average(stamp, T_pmr_left, result);
-  Surface surface_pmr = result.surface_left;
-  surface_pmr.points = transformPoints(T_pmr_left, result.surface_left.points);
-
-  std_msgs::Header header;
-  header.stamp = stamp;
-  header.frame_id = parameters_.map_frame;
-  points_publisher_.publish(toPointCloud2(surface_pmr, header));
+  if (rectifiers_.at(settingAt(stamp)) != rectifier)
+    throw PairError("settings",
+                    "The microscope's setting at the time of the pair was reported too late: take the pair "
+                    "again.");
+  const PosedFrame frame{pair.stamp_ns,
+                         T_pmr_left,
+                         rectifier,
+                         {result.disparity, result.surface_left.colour, result.surface_left.confidence}};
+  recent_.add(frame);
+  Eigen::Isometry3d T_pmr_surface = T_pmr_left;
+  if (recent_.capacity() > 1) {
+    ViewFrames::Mean mean = recent_.mean();
+    result.disparity = mean.result.disparity;
+    result.surface_left = mean.result.surface_left;
+    T_pmr_surface = mean.T_pmr_left;
+  }
+  points_publisher_.publish(cloudOf(result.surface_left, T_pmr_surface, stamp));
   if (disparity_publisher_.getNumSubscribers() > 0) {
+    std_msgs::Header header;
+    header.stamp = stamp;
     header.frame_id = parameters_.camera_frame;
     disparity_publisher_.publish(
         toDisparityImage(result.disparity, rectifier->model(), result.quality.search_range, header));
@@ -170,33 +207,82 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
     last_quality_ = result.quality;
     last_surface_stamp_ = stamp;
     last_seconds_ = result.seconds;
-    last_averaged_ = averaged;
+    last_averaged_ = recent_.size();
+    last_setting_ = setting ? describe(*setting) : "not reported; taken for the reference";
   }
   publishDiagnostics();
+  collect(frame);  // after publishing: who waits for the mean has seen the surface
 }
 
-std::size_t SurfaceReconstruction::average(const ros::Time& stamp, const Eigen::Isometry3d& T_pmr_left,
-                                           ReconstructionResult& result) {
-  if (parameters_.average_pairs == 1) return 1;
-  const auto another = [&](const PastFrame& past) {
-    const Eigen::Isometry3d movement = past.T_pmr_left.inverse() * T_pmr_left;
-    return past.stamp >= stamp || (stamp - past.stamp).toSec() > parameters_.average_window ||
-           past.rectifier != rectifier_ || movement.translation().norm() > parameters_.average_max_translation ||
-           Eigen::AngleAxisd(movement.linear()).angle() > parameters_.average_max_rotation;
-  };
-  past_.erase(std::remove_if(past_.begin(), past_.end(), another), past_.end());
-  if (past_.size() >= static_cast<std::size_t>(parameters_.average_pairs)) past_.erase(past_.begin());
-  past_.push_back(
-      {stamp, T_pmr_left, rectifier_, {result.disparity, result.surface_left.colour, result.surface_left.confidence}});
-  std::vector<Frame> frames;
-  for (const PastFrame& past : past_) frames.push_back(past.frame);
-  ReconstructionResult mean = averageFrames(frames, rectifier_->model());
-  result.disparity = mean.disparity;
-  result.surface_left = mean.surface_left;
-  return frames.size();
+sensor_msgs::PointCloud2 SurfaceReconstruction::cloudOf(const Surface& surface_left,
+                                                        const Eigen::Isometry3d& T_pmr_left,
+                                                        const ros::Time& stamp) const {
+  Surface surface_pmr = surface_left;
+  surface_pmr.points = transformPoints(T_pmr_left, surface_left.points);
+  std_msgs::Header header;
+  header.stamp = stamp;
+  header.frame_id = parameters_.map_frame;
+  return toPointCloud2(surface_pmr, header);
 }
 
-std::shared_ptr<const Rectifier> SurfaceReconstruction::rectifier() {
+void SurfaceReconstruction::collect(const PosedFrame& frame) {
+  {
+    const std::lock_guard<std::mutex> lock(collection_mutex_);
+    const ros::Time stamp = ros::Time().fromNSec(static_cast<uint64_t>(frame.stamp_ns));
+    if (!collection_ || stamp < collection_->since || collection_->frames.size() == collection_->frames.capacity())
+      return;
+    collection_->frames.add(frame);
+    collection_->last_stamp = stamp;
+    ++collection_->taken;
+  }
+  collected_.notify_all();
+}
+
+SurfaceReconstruction::Collection SurfaceReconstruction::awaitPairs(
+    const cortshift_msgs::AveragePairs::Request& request) {
+  if (request.pairs < 2 || request.pairs > kMostPairs)
+    throw PairError("request", "A mean of " + std::to_string(request.pairs) +
+                                   " pairs is not possible; allowed is 2 to " + std::to_string(kMostPairs) + ".");
+  ViewTolerance tolerance = parameters_.average;
+  tolerance.age = std::numeric_limits<double>::infinity();  // the request says how long it waits
+  std::unique_lock<std::mutex> lock(collection_mutex_);
+  collection_.emplace(Collection{request.since, ViewFrames(tolerance, request.pairs), 0, {}});
+  for (std::uint64_t taken = 0; collection_->frames.size() < request.pairs; taken = collection_->taken) {
+    const auto patience = std::chrono::duration<double>(request.patience.toSec());
+    const bool woken =
+        collected_.wait_for(lock, patience, [&] { return collecting_ends_ || collection_->taken > taken; });
+    if (woken && !collecting_ends_) continue;
+    const Collection gathered = *std::exchange(collection_, std::nullopt);
+    const std::lock_guard<std::mutex> status_lock(status_mutex_);
+    throw PairError("pairs", "Only " + std::to_string(gathered.frames.size()) + " of " + std::to_string(request.pairs) +
+                                 " pairs of one view were reconstructed, of " + std::to_string(gathered.taken) +
+                                 " in all, when none came any more for " + text(request.patience.toSec()) + " s" +
+                                 (last_pair_dropped_ ? "; the last was dropped: " + last_drop_->message : "."));
+  }
+  return *std::exchange(collection_, std::nullopt);
+}
+
+bool SurfaceReconstruction::averagePairs(cortshift_msgs::AveragePairs::Request& request,
+                                         cortshift_msgs::AveragePairs::Response& response) {
+  const std::lock_guard<std::mutex> one_at_a_time(request_mutex_);
+  try {
+    const Collection gathered = awaitPairs(request);
+    const ViewFrames::Mean mean = gathered.frames.mean();
+    response.surface = cloudOf(mean.result.surface_left, mean.T_pmr_left, gathered.last_stamp);
+    response.success = true;
+    response.message = "mean of " + std::to_string(gathered.frames.size()) + " pairs";
+    if (gathered.taken > gathered.frames.size())
+      response.message += "; " + std::to_string(gathered.taken - gathered.frames.size()) +
+                          " more were left out, for the microscope or its setting had moved";
+  } catch (const PairError& error) {
+    response.success = false;
+    response.message = error.what();
+    ROS_WARN_STREAM("average_pairs refused: " << error.what());
+  }
+  return true;
+}
+
+void SurfaceReconstruction::calibrate() {
   sensor_msgs::CameraInfoConstPtr left, right;
   {
     std::unique_lock<std::mutex> lock(input_mutex_);
@@ -209,40 +295,19 @@ std::shared_ptr<const Rectifier> SurfaceReconstruction::rectifier() {
   if (!left || !right)
     throw PairError("camera_info", std::string("No camera_info of the ") + (left ? "right" : "left") +
                                        " camera has arrived: check that the driver or the bag publishes it.");
-  if (!rectifier_ || !sameCalibration(*left, *rectifier_infos_[0]) || !sameCalibration(*right, *rectifier_infos_[1])) {
-    rectifier_ = nullptr;
-    rectifier_ = std::make_shared<const Rectifier>(stereoModelFromInfo(*left, *right));
-    rectifier_infos_[0] = left;
-    rectifier_infos_[1] = right;
-    calibrated_setting_ = parameters_.referenceSetting();
-  }
-  return rectifier_;
+  if (rectifiers_.calibrated() && sameCalibration(*left, *calibrated_infos_[0]) &&
+      sameCalibration(*right, *calibrated_infos_[1]))
+    return;
+  rectifiers_.calibrate(stereoModelFromInfo(*left, *right));
+  calibrated_infos_[0] = left;
+  calibrated_infos_[1] = right;
+  const std::lock_guard<std::mutex> lock(status_mutex_);
+  calibrated_settings_ = rectifiers_.calibratedSettings();
 }
 
-void SurfaceReconstruction::checkSettings() {
-  std::optional<cortshift_msgs::MicroscopeSettings> settings;
-  {
-    const std::lock_guard<std::mutex> lock(input_mutex_);
-    settings = settings_;
-  }
-  if (!settings) return;  // absent means the reference setting
-  const MicroscopeSetting now{settings->magnification, settings->focal_length};
-  if (!calibrated_setting_) {
-    ROS_WARN_STREAM("no reference setting is configured: magnification "
-                    << now.magnification << " and focal length " << now.focal_length
-                    << " m are taken for those that the calibration in camera_info was made at");
-    calibrated_setting_ = now;
-  }
-  const auto same = [&](double value, double reference) {
-    return std::abs(value - reference) <= parameters_.settings_tolerance * reference;
-  };
-  if (!same(now.magnification, calibrated_setting_->magnification) ||
-      !same(now.focal_length, calibrated_setting_->focal_length))
-    throw PairError("settings", "The microscope is at magnification " + text(now.magnification) + " and focal length " +
-                                    text(now.focal_length) + " m, but the calibration is for magnification " +
-                                    text(calibrated_setting_->magnification) + " and focal length " +
-                                    text(calibrated_setting_->focal_length) +
-                                    " m, and no calibration of other settings is loaded: return to that setting.");
+std::optional<MicroscopeSetting> SurfaceReconstruction::settingAt(const ros::Time& stamp) {
+  const std::lock_guard<std::mutex> lock(input_mutex_);
+  return settings_.at(static_cast<std::int64_t>(stamp.toNSec()));
 }
 
 void SurfaceReconstruction::drop(const std::string& reason, const ros::Time& stamp, const std::string& message) {
@@ -277,8 +342,10 @@ void SurfaceReconstruction::diagnose(diagnostic_updater::DiagnosticStatusWrapper
   status.add("pairs_overtaken", pairs_overtaken_);
   status.add("surfaces_published", surfaces_published_);
   for (const auto& [reason, count] : drops_) status.add("dropped_" + reason, count);
+  status.add("calibrated_settings", calibrated_settings_);
   if (!last_quality_) return;
   status.add("averaged_pairs", last_averaged_);
+  status.add("setting", last_setting_);
   status.add("coverage", text(last_quality_->coverage));
   status.add("search_range_px", std::to_string(last_quality_->search_range.start) + " ... " +
                                     std::to_string(last_quality_->search_range.end));

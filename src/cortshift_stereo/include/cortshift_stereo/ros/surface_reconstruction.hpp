@@ -1,8 +1,10 @@
 // Stereo pairs from topics to surfaces in pMR space.
 #pragma once
 
+#include <cortshift_msgs/AveragePairs.h>
 #include <cortshift_msgs/MicroscopeSettings.h>
 #include <diagnostic_updater/diagnostic_updater.h>
+#include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
@@ -16,11 +18,12 @@
 #include <string>
 #include <thread>
 
-#include "cortshift_stereo/calibration/settings_warp.hpp"
-#include "cortshift_stereo/frame_average.hpp"
 #include "cortshift_stereo/pair_synchroniser.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
+#include "cortshift_stereo/rectifier_selector.hpp"
 #include "cortshift_stereo/ros/pose_lookup.hpp"
+#include "cortshift_stereo/settings_history.hpp"
+#include "cortshift_stereo/view_frames.hpp"
 
 namespace cortshift_stereo {
 
@@ -33,14 +36,13 @@ struct SurfaceReconstructionParameters {
   double max_pose_gap = 0.15;                 ///< [s] farthest tracker sample on either side of the pair's stamp
   double pose_timeout = 1.0;                  ///< [s] wall time to wait for the pose after the pair was matched
   double calibration_timeout = 1.0;           ///< [s] wall time to wait for camera_info
-  double reference_magnification = 0;         ///< microscope setting that the calibration belongs to; 0: not known,
-                                              ///< the first one seen with a camera_info is taken for it
-  double reference_focal_length = 0;          ///< [m] the same
-  double settings_tolerance = 0.005;          ///< relative difference that counts as the reference setting
-  int average_pairs = 1;                      ///< a surface is the robust mean of up to so many pairs, the newest last
-  double average_window = 3.0;                ///< [s] age of the oldest of them
-  double average_max_translation = 0.0005;    ///< [m] movement of the camera that ends the mean
-  double average_max_rotation = 0.002;        ///< [rad] the same
+  std::string settings_calibration;    ///< folder that calibrate_settings wrote; empty: the reference setting only
+  double reference_magnification = 0;  ///< microscope setting that the calibration belongs to; 0: that of
+                                       ///< settings_calibration, without it the first one seen
+  double reference_focal_length = 0;   ///< [m] the same
+  double settings_tolerance = 0.005;   ///< relative difference that counts as the reference setting
+  int average_pairs = 1;               ///< a surface is the robust mean of up to so many pairs, the newest last
+  ViewTolerance average;               ///< what these pairs may differ by
   ReconstructionSettings reconstruction;
 
   /// Empty where it is not known.
@@ -55,11 +57,13 @@ struct SurfaceReconstructionParameters {
 ///   microscope/settings, /tf, /tf_static.
 /// Publishes: surface/points (PointCloud2, organised like the rectified left image, frame `map_frame`, stamp of the
 ///   pair), surface/disparity (DisparityImage), /diagnostics with the status "surface".
+/// Services: ~average_pairs (the mean of several coming pairs of one view).
 ///
 /// The newest complete pair is worked on by a thread of its own; pairs that a newer one overtakes are counted. A pair
 /// that gives no surface is dropped with its reason in log and diagnostics, and the node goes on.
 class SurfaceReconstruction {
  public:
+  /// @throws CalibrationError if settings_calibration cannot be used
   SurfaceReconstruction(ros::NodeHandle node, const SurfaceReconstructionParameters& parameters);
   ~SurfaceReconstruction();
 
@@ -81,6 +85,14 @@ class SurfaceReconstruction {
     ros::Time stamp;
   };
 
+  /// A request for the mean of coming pairs.
+  struct Collection {
+    ros::Time since;
+    ViewFrames frames;
+    std::uint64_t taken = 0;  // pairs, those of another view among them
+    ros::Time last_stamp;
+  };
+
   template <typename Message>
   ros::Subscriber subscribe(const std::string& topic, Side side);
   void receive(Side side, const ros::Time& stamp, const Image& image);
@@ -88,10 +100,16 @@ class SurfaceReconstruction {
 
   void work();
   void process(const Synchroniser::Pair& pair, const ros::Time& stamp);
-  std::shared_ptr<const Rectifier> rectifier();
-  /// Mean of this pair and the ones before it that show the same view; returns their number.
-  std::size_t average(const ros::Time& stamp, const Eigen::Isometry3d& T_pmr_left, ReconstructionResult& result);
-  void checkSettings();
+  void calibrate();
+  /// Of the last report up to that time.
+  std::optional<MicroscopeSetting> settingAt(const ros::Time& stamp);
+  sensor_msgs::PointCloud2 cloudOf(const Surface& surface_left, const Eigen::Isometry3d& T_pmr_left,
+                                   const ros::Time& stamp) const;
+
+  void collect(const PosedFrame& frame);
+  bool averagePairs(cortshift_msgs::AveragePairs::Request& request, cortshift_msgs::AveragePairs::Response& response);
+  /// @throws PairError where they do not come
+  Collection awaitPairs(const cortshift_msgs::AveragePairs::Request& request);
 
   void drop(const std::string& reason, const ros::Time& stamp, const std::string& message);
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
@@ -106,20 +124,20 @@ class SurfaceReconstruction {
   Synchroniser synchroniser_;
   std::optional<Synchroniser::Pair> newest_;
   sensor_msgs::CameraInfoConstPtr infos_[2];
-  std::optional<cortshift_msgs::MicroscopeSettings> settings_;
+  SettingsHistory settings_;
   bool stop_ = false;
 
   // Worker thread only.
-  struct PastFrame {
-    ros::Time stamp;
-    Eigen::Isometry3d T_pmr_left;
-    std::shared_ptr<const Rectifier> rectifier;
-    Frame frame;
-  };
-  std::vector<PastFrame> past_;
-  sensor_msgs::CameraInfoConstPtr rectifier_infos_[2];
-  std::shared_ptr<const Rectifier> rectifier_;
-  std::optional<MicroscopeSetting> calibrated_setting_;  // of that calibration
+  ViewFrames recent_;
+  sensor_msgs::CameraInfoConstPtr calibrated_infos_[2];
+  RectifierSelector rectifiers_;
+
+  // A request for a mean of coming pairs.
+  std::mutex request_mutex_;  // one request at a time
+  std::mutex collection_mutex_;
+  std::condition_variable collected_;
+  std::optional<Collection> collection_;
+  bool collecting_ends_ = false;
 
   std::mutex status_mutex_;
   uint64_t pairs_received_ = 0;
@@ -132,7 +150,12 @@ class SurfaceReconstruction {
   ros::Time last_surface_stamp_;
   double last_seconds_ = 0;
   std::size_t last_averaged_ = 0;
+  std::string last_setting_;
+  std::string calibrated_settings_;
 
+  ros::CallbackQueue service_queue_;
+  ros::ServiceServer average_service_;
+  std::unique_ptr<ros::AsyncSpinner> service_spinner_;
   ros::Publisher points_publisher_;
   ros::Publisher disparity_publisher_;
   std::vector<ros::Subscriber> subscribers_;
