@@ -30,6 +30,9 @@ class CorticalTexture {
   /// Colour at material point (x, y) [m]: blue, green, red, each 0...1.
   cv::Vec3f colour(double x, double y) const;
 
+  /// Half the thickness [m] of the vessel at material point (x, y), taken as a round tube; 0 where there is none.
+  double vesselHalfThickness(double x, double y) const;
+
   /// Gyral relief at (x, y) [m].
   Relief relief(double x, double y) const;
 
