@@ -74,6 +74,19 @@ class Volume:
         corners = self.to_pmr([[i, j, k] for i in (0, last[0]) for j in (0, last[1]) for k in (0, last[2])])
         return np.stack([corners.min(0), corners.max(0)])
 
+    def crop(self, low_pmr, high_pmr):
+        """The smallest part of the volume that holds a box of pmr, corners (3,) [m]; a Volume, empty parts refused."""
+        box = np.stack([low_pmr, high_pmr])
+        corners = self.to_voxel([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+        first = np.clip(np.floor(corners.min(0)).astype(int), 0, self.data.shape)
+        last = np.clip(np.ceil(corners.max(0)).astype(int) + 1, 0, self.data.shape)
+        if (last <= first).any():
+            raise VolumeError(f'{self.source}: holds nothing of the asked part of pmr; check the patient registration and the axes '
+                              f'of pmr ({self.axes})')
+        T = self.T_pmr_voxel.copy()
+        T[:3, 3] = self.to_pmr(first)
+        return Volume(self.data[tuple(slice(a, b) for a, b in zip(first, last))], T, self.axes, self.source, self.notes)
+
     def sample(self, points_pmr, order=1):
         """Intensity at points (..., 3) in pmr [m]; NaN outside the outermost voxel centres.
 
