@@ -33,10 +33,9 @@ cv::Vec3f ColourSampler::at(float column, float row) const {
   for (int j = 0; j < 4; ++j) {
     const uchar* line = image_.ptr<uchar>(std::clamp(y - 1 + j, 0, image_.rows - 1));
     for (int c = 0; c < 3; ++c) {
-      const float across = wx[0] * static_cast<float>(line[offsets[0] + c]) +
-                           wx[1] * static_cast<float>(line[offsets[1] + c]) +
-                           wx[2] * static_cast<float>(line[offsets[2] + c]) +
-                           wx[3] * static_cast<float>(line[offsets[3] + c]);
+      const float across =
+          wx[0] * static_cast<float>(line[offsets[0] + c]) + wx[1] * static_cast<float>(line[offsets[1] + c]) +
+          wx[2] * static_cast<float>(line[offsets[2] + c]) + wx[3] * static_cast<float>(line[offsets[3] + c]);
       sum[c] += wy[j] * across;
     }
   }

@@ -55,8 +55,7 @@ std::optional<double> heightOnGrid(const Projection& projection, double column, 
   if (x < 0 || y < 0) return {};
   const double fx = column - x, fy = row - y;
   const auto at = [&](int dy, int dx) { return static_cast<double>(projection.height.at<float>(y + dy, x + dx)); };
-  const double height =
-      (1 - fy) * ((1 - fx) * at(0, 0) + fx * at(0, 1)) + fy * ((1 - fx) * at(1, 0) + fx * at(1, 1));
+  const double height = (1 - fy) * ((1 - fx) * at(0, 0) + fx * at(0, 1)) + fy * ((1 - fx) * at(1, 0) + fx * at(1, 1));
   if (std::isnan(height)) return {};
   return height;
 }
@@ -158,15 +157,13 @@ cv::Mat displacementsOfPoints(const ProjectionFrame& frame, const Projection& ea
         const auto trusted = [&](int dy, int dx) { return passes(confidence.at<float>(y + dy, x + dx), settings); };
         if (!trusted(0, 0) || !trusted(0, 1) || !trusted(1, 0) || !trusted(1, 1)) continue;
         const float fx = vertex[0] - static_cast<float>(x), fy = vertex[1] - static_cast<float>(y);
-        const cv::Vec2f u =
-            (1 - fy) * ((1 - fx) * flow.at<cv::Vec2f>(y, x) + fx * flow.at<cv::Vec2f>(y, x + 1)) +
-            fy * ((1 - fx) * flow.at<cv::Vec2f>(y + 1, x) + fx * flow.at<cv::Vec2f>(y + 1, x + 1));
+        const cv::Vec2f u = (1 - fy) * ((1 - fx) * flow.at<cv::Vec2f>(y, x) + fx * flow.at<cv::Vec2f>(y, x + 1)) +
+                            fy * ((1 - fx) * flow.at<cv::Vec2f>(y + 1, x) + fx * flow.at<cv::Vec2f>(y + 1, x + 1));
         const auto end_height = lookup.height(vertex[0] + u[0], vertex[1] + u[1]);
         if (!end_height) continue;
         displacements.at<cv::Vec3f>(i, j) =
-            toCv(frame.T_pmr_projection.linear() *
-                 Eigen::Vector3d(u[0] * frame.resolution, u[1] * frame.resolution,
-                                 *end_height - vertex[2] * frame.resolution));
+            toCv(frame.T_pmr_projection.linear() * Eigen::Vector3d(u[0] * frame.resolution, u[1] * frame.resolution,
+                                                                   *end_height - vertex[2] * frame.resolution));
       }
   });
   return displacements;

@@ -10,7 +10,8 @@ namespace cortshift_tracking {
 /// result. @param threads 0: all that OpenCV has
 inline void parallelRanges(int count, int threads, const std::function<void(int, int)>& work) {
   const int stripes = threads > 0 ? threads : std::max(1, cv::getNumThreads());
-  cv::parallel_for_(cv::Range(0, count), [&](const cv::Range& range) { work(range.start, range.end); }, stripes);
+  cv::parallel_for_(
+      cv::Range(0, count), [&](const cv::Range& range) { work(range.start, range.end); }, stripes);
 }
 
 }  // namespace cortshift_tracking

@@ -28,8 +28,7 @@ cv::Mat toGrid(const cv::Mat& points_pmr, const ProjectionFrame& frame, int thre
       auto* out = vertices.ptr<cv::Vec3f>(row);
       for (int column = 0; column < points_pmr.cols; ++column) {
         const double x = in[column][0], y = in[column][1], z = in[column][2];
-        for (int i = 0; i < 3; ++i)
-          out[column][i] = static_cast<float>(A(i, 0) * x + A(i, 1) * y + A(i, 2) * z + t[i]);
+        for (int i = 0; i < 3; ++i) out[column][i] = static_cast<float>(A(i, 0) * x + A(i, 1) * y + A(i, 2) * z + t[i]);
       }
     }
   });
@@ -119,9 +118,8 @@ class Rasteriser {
     const auto& corners = QuadTriangles::kCorners[half];
     const double wa = 1 - wb - wc;
     const auto mix = [&](double a, double b, double c) { return static_cast<float>(wa * a + wb * b + wc * c); };
-    out_.source.at<cv::Vec2f>(y, x) = {
-        static_cast<float>(column) + mix(corners[0][0], corners[1][0], corners[2][0]),
-        static_cast<float>(row) + mix(corners[0][1], corners[1][1], corners[2][1])};
+    out_.source.at<cv::Vec2f>(y, x) = {static_cast<float>(column) + mix(corners[0][0], corners[1][0], corners[2][0]),
+                                       static_cast<float>(row) + mix(corners[0][1], corners[1][1], corners[2][1])};
     const auto trust = [&](int i) { return confidence_.at<float>(row + corners[i][1], column + corners[i][0]); };
     out_.confidence.at<float>(y, x) = mix(trust(0), trust(1), trust(2));
   }
@@ -166,7 +164,8 @@ Projection project(const cortshift_stereo::Surface& surface_pmr, const Projectio
 
   Rasteriser rasteriser(surface_pmr.confidence, settings.fold_tolerance / frame.resolution, out);
   const std::vector<Span> spans = rowSpans(out.vertices);
-  parallelRanges(frame.size.height, settings.threads, [&](int first, int last) { rasteriser.draw(spans, first, last); });
+  parallelRanges(frame.size.height, settings.threads,
+                 [&](int first, int last) { rasteriser.draw(spans, first, last); });
 
   const ColourSampler sampler(surface_pmr.colour, 1 / spacing);
   parallelRanges(frame.size.height, settings.threads, [&](int first, int last) {

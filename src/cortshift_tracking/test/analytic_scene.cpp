@@ -72,8 +72,8 @@ cortshift_stereo::Surface AnalyticScene::see(const PinholeCamera& camera, const 
       for (int column = 0; column < camera.size.width; ++column) {
         m = materialSeenAt({column, row}, m);
         const Eigen::Vector3d p = position_pmr(m[0], m[1], deformation);
-        surface.points.at<cv::Vec3f>(row, column) = cv::Vec3f(static_cast<float>(p[0]), static_cast<float>(p[1]),
-                                                              static_cast<float>(p[2]));
+        surface.points.at<cv::Vec3f>(row, column) =
+            cv::Vec3f(static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2]));
         cv::Vec3f light(0, 0, 0);  // of the pixel's area
         for (int part = 0; part < 4; ++part) {
           const Eigen::Vector2d corner(column + 0.25 - 0.5 * (part % 2), row + 0.25 - 0.5 * (part / 2));

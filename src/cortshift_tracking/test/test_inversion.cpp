@@ -15,8 +15,7 @@ constexpr double kDegree = M_PI / 180;
 class Inversion : public testing::Test {
  protected:
   Inversion() {
-    const auto earlier_surface =
-        scene.see(scene.cameraAt(0.3, 0, 0, 0, {400, 300}, 0.032), AnalyticScene::atRest());
+    const auto earlier_surface = scene.see(scene.cameraAt(0.3, 0, 0, 0, {400, 300}, 0.032), AnalyticScene::atRest());
     const auto later_surface =
         scene.see(scene.cameraAt(0.31, 8 * kDegree, 0.002, 15 * kDegree, {400, 300}, 0.034), deformation);
     frame = fitProjectionFrame(earlier_surface);
@@ -24,13 +23,14 @@ class Inversion : public testing::Test {
     later = project(later_surface, frame);
     flow = cv::Mat(frame.size, CV_32FC2, cv::Scalar::all(0));
     confidence = cv::Mat(frame.size, CV_32FC1, cv::Scalar(1));
+    confidence.setTo(0, earlier.mask == 0);
     points = earlier_surface.points;
     for (int row = 0; row < frame.size.height; ++row)
       for (int column = 0; column < frame.size.width; ++column) {
         if (earlier.mask.at<uchar>(row, column) == 0) continue;
         const Eigen::Vector3d p =
-            frame.T_pmr_projection * Eigen::Vector3d(column * frame.resolution, row * frame.resolution,
-                                                     earlier.height.at<float>(row, column));
+            frame.T_pmr_projection *
+            Eigen::Vector3d(column * frame.resolution, row * frame.resolution, earlier.height.at<float>(row, column));
         const Eigen::Vector3d d = frame.T_pmr_projection.linear().transpose() *
                                   scene.displacement_pmr(p, AnalyticScene::atRest(), deformation) / frame.resolution;
         flow.at<cv::Vec2f>(row, column) = cv::Vec2f(static_cast<float>(d[0]), static_cast<float>(d[1]));
@@ -38,7 +38,8 @@ class Inversion : public testing::Test {
   }
 
   double errorAt(const cv::Vec3f& start, const cv::Vec3f& displacement) const {
-    const Eigen::Vector3d truth = scene.displacement_pmr({start[0], start[1], start[2]}, AnalyticScene::atRest(), deformation);
+    const Eigen::Vector3d truth =
+        scene.displacement_pmr({start[0], start[1], start[2]}, AnalyticScene::atRest(), deformation);
     return (truth - Eigen::Vector3d(displacement[0], displacement[1], displacement[2])).norm();
   }
 
@@ -72,7 +73,8 @@ TEST_F(Inversion, NearestIsWithinHalfAGridStepOfSlope) {
   for (int row = 0; row < frame.size.height; ++row)
     for (int column = 0; column < frame.size.width; ++column) {
       const cv::Vec3f start = field.start_pmr.at<cv::Vec3f>(row, column);
-      if (!std::isnan(start[0])) worst = std::max(worst, errorAt(start, field.displacement_pmr.at<cv::Vec3f>(row, column)));
+      if (!std::isnan(start[0]))
+        worst = std::max(worst, errorAt(start, field.displacement_pmr.at<cv::Vec3f>(row, column)));
     }
   EXPECT_LT(worst, 7.1e-5);  // 0.071 mm to the corner of a cell, slopes below 1
   EXPECT_GT(worst, 3e-6);    // so it is not the linear one

@@ -87,7 +87,7 @@ TEST_F(Shift, SurfacesThatDoNotMeetAreRefused) {
   const PinholeCamera small = scene.cameraAt(0.3, 0, 0, 0, {120, 90}, 0.01);
   const auto earlier = scene.see(small, AnalyticScene::atRest());
   auto later = earlier;
-  later.points = earlier.points + cv::Scalar(0.1, 0.1, 0.1);
+  later.points = cv::Mat(earlier.points + cv::Scalar(0.1, 0.1, 0.1));  // a buffer of its own
   EXPECT_THROW(computeShift(earlier, later, directions(earlier)), TrackingError);
 }
 

@@ -33,9 +33,9 @@ TEST(ErodeBorder, TakesTheBorderFromTheOuterBoundary) {
 
 TEST(ErodeBorder, LargeHolesGrowAndSmallOnesDoNot) {
   cv::Mat mask = fullMask(300, 200);
-  cv::circle(mask, {80, 100}, 15, 0, cv::FILLED);   // 3 mm wide
-  cv::circle(mask, {200, 100}, 7, 0, cv::FILLED);   // 1.4 mm wide
-  cv::line(mask, {150, 40}, {150, 160}, 0, 3);      // long but narrow
+  cv::circle(mask, {80, 100}, 15, 0, cv::FILLED);  // 3 mm wide
+  cv::circle(mask, {200, 100}, 7, 0, cv::FILLED);  // 1.4 mm wide
+  cv::line(mask, {150, 40}, {150, 160}, 0, 3);     // long but narrow
   const cv::Mat eroded = erodeBorder(mask, 20);
   EXPECT_EQ(eroded.at<uchar>(100, 80 + 30), 0);
   EXPECT_EQ(eroded.at<uchar>(100, 80 + 37), 255);
@@ -66,9 +66,9 @@ TEST(UsableMask, DropsGlareWithItsMarginAndFolds) {
 TEST(MatchConfidence, FollowsTheCorrelationAndIgnoresGain) {
   const Projection earlier = textured({160, 80}, 1);
   Projection later = earlier;
-  later.colour = 0.8 * earlier.colour + cv::Scalar::all(0.05);
+  later.colour = cv::Mat(0.8 * earlier.colour + cv::Scalar::all(0.05));        // a buffer of its own
   textured({80, 80}, 2).colour.copyTo(later.colour(cv::Rect(80, 0, 80, 80)));  // right half: something else
-  cv::Mat bare_earlier = earlier.colour(cv::Rect(0, 0, 40, 80));                // left quarter: no texture
+  cv::Mat bare_earlier = earlier.colour(cv::Rect(0, 0, 40, 80));               // left quarter: no texture
   bare_earlier.setTo(cv::Scalar::all(0.5));
   const cv::Mat flow = cv::Mat::zeros(80, 160, CV_32FC2), all = fullMask(160, 80);
   const cv::Mat confidence = matchConfidence(earlier, later, flow, all, all);
@@ -88,7 +88,7 @@ TEST(CombineConfidence, TheWeakestCueDecidesAtBothEnds) {
   cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
   EXPECT_NEAR(confidence.at<float>(100, 100), 0.7, 1e-6);
   EXPECT_NEAR(confidence.at<float>(100, 110), 0.4, 1e-6);
-  EXPECT_EQ(confidence.at<float>(10, 100), 0);  // 1 mm from the border
+  EXPECT_EQ(confidence.at<float>(10, 100), 0);      // 1 mm from the border
   flow.at<cv::Vec2f>(100, 100) = cv::Vec2f(85, 0);  // ends 1.5 mm from the border
   confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
   EXPECT_EQ(confidence.at<float>(100, 100), 0);

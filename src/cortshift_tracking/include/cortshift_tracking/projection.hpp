@@ -9,7 +9,7 @@
 namespace cortshift_tracking {
 
 struct ProjectionSettings {
-  double max_edge_ratio = 6;       ///< triangles with a longer edge than this times the median spacing are cut, 2 ... 50
+  double max_edge_ratio = 6;  ///< triangles with a longer edge than this times the median spacing are cut, 2 ... 50
   double fold_tolerance = 0.0003;  ///< layers over one grid point further apart than this are a fold [m], 0 ... 0.01
   int threads = 0;                 ///< 0: all that OpenCV has; the result does not depend on it
 

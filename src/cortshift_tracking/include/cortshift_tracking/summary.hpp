@@ -22,15 +22,15 @@ struct Statistic {
 /// Lengths in metres, angles in radians. NaN: not known.
 struct Summary {
   std::size_t valid_points = 0;
-  double overlap = 0;                       ///< 0...1, see overlapOf
-  Statistic magnitude;                      ///< |d|
-  Statistic gravity;                        ///< along gravity, positive: with it
-  Statistic normal;                         ///< along the first stage's average normal, positive: bulging
-  Statistic lateral;                        ///< |d perpendicular to that normal|
-  double gravity_normal_angle = kUnknown;   ///< [rad]
-  double projection_seconds = 0;            ///< wall time
+  double overlap = 0;                      ///< 0...1, see overlapOf
+  Statistic magnitude;                     ///< |d|
+  Statistic gravity;                       ///< along gravity, positive: with it
+  Statistic normal;                        ///< along the first stage's average normal, positive: bulging
+  Statistic lateral;                       ///< |d perpendicular to that normal|
+  double gravity_normal_angle = kUnknown;  ///< [rad]
+  double projection_seconds = 0;           ///< wall time
   double flow_seconds = 0;
-  double inversion_seconds = 0;             ///< with the assessment of trust
+  double inversion_seconds = 0;  ///< with the assessment of trust
 
   double compute_seconds() const { return projection_seconds + flow_seconds + inversion_seconds; }
 };

@@ -21,8 +21,8 @@ struct TrustSettings {
 /// CV_8UC1 255 where a projection may take part in the registration: covered once, no highlight.
 cv::Mat usableMask(const Projection& projection, const TrustSettings& settings = {});
 
-/// CV_8UC1 255 further than `border` [grid units] inside the mask's outer boundary and its large holes. Holes into which
-/// no disc of diameter `border` fits do not grow. What is beyond the image counts as outside.
+/// CV_8UC1 255 further than `border` [grid units] inside the mask's outer boundary and its large holes. Holes into
+/// which no disc of diameter `border` fits do not grow. What is beyond the image counts as outside.
 cv::Mat erodeBorder(const cv::Mat& mask, double border);
 
 /// Part of the earlier surface's projected area that the later surface covers too, 0...1 (0 if there is no area).
