@@ -15,20 +15,25 @@ constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 /// Light that a surface sends to the camera.
 class Shader {
  public:
-  Shader(const LightSettings& light, const Eigen::Vector3d& lamp_camera) : light_(light), lamp_(lamp_camera) {}
+  /// @param level_camera normal of a liquid that lies on the brain
+  Shader(const LightSettings& light, const Eigen::Vector3d& lamp_camera, const Eigen::Vector3d& level_camera)
+      : light_(light), lamp_(lamp_camera), level_(level_camera) {}
 
   /// @param point, normal in the camera frame; @param x, y carry the fine unevenness of the wet film [m]
-  cv::Vec3f shade(const Paint& paint, const Eigen::Vector3d& point, const Eigen::Vector3d& normal, double x,
+  cv::Vec3f shade(const Paint& paint, const Eigen::Vector3d& point, const Eigen::Vector3d& surface_normal, double x,
                   double y) const {
+    const double film = paint.film;
+    const Eigen::Vector3d normal = ((1 - film) * surface_normal + film * level_).normalized();
     const Eigen::Vector3d to_lamp = (lamp_ - point).normalized();
     const double lambert = std::max(0.0, normal.dot(to_lamp));
     cv::Vec3f out = paint.colour * static_cast<float>(light_.ambient + light_.diffuse * lambert);
     if (light_.specular > 0 && paint.gloss > 0) {
-      // Blinn-Phong on a normal that ripples with the fluid film.
-      constexpr double kRipple = 0.06;
-      const Eigen::Vector3d ripple(std::cos(x * 2900 + 1.3 * std::sin(y * 1700)), std::cos(y * 3300 + x * 900), 0);
+      // Blinn-Phong on a normal that ripples with the fluid film: a few waves of 1.5 to 5 mm, none in step.
+      const double strength = 0.04 * (1 - 0.85 * film);  // a deep pool lies calm
+      const Eigen::Vector3d ripple(std::cos(3700 * x + 900 * y) + std::cos(1300 * x - 2100 * y + 1),
+                                   std::cos(2900 * y - 1100 * x + 2) + std::cos(1700 * y + 1500 * x + 3), 0);
       const Eigen::Vector3d half = (to_lamp - point.normalized()).normalized();
-      const double cosine = std::max(0.0, (normal + kRipple * ripple).normalized().dot(half));
+      const double cosine = std::max(0.0, (normal + strength * ripple).normalized().dot(half));
       out += cv::Vec3f::all(static_cast<float>(light_.specular * paint.gloss * std::pow(cosine, light_.shininess)));
     }
     return out;
@@ -36,7 +41,7 @@ class Shader {
 
  private:
   LightSettings light_;
-  Eigen::Vector3d lamp_;
+  Eigen::Vector3d lamp_, level_;
 };
 
 Eigen::Vector3d normalOf(const SurfaceSample& s) { return s.along_x.cross(s.along_y).normalized(); }
@@ -93,16 +98,16 @@ cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int s
   const PhantomCase& description = scene.description();
   const SheetSolver solver(scene, stage, view);
   const SurfacePaint paint(scene, stage);
-  const Shader shader(description.light, view.T_pmr_camera.inverse() * view.lamp_pmr);
+  const Shader shader(description.light, view.T_pmr_camera.inverse() * view.lamp_pmr,
+                      solver.T_brain_camera().linear().transpose() * Eigen::Vector3d::UnitZ());
   const Eigen::Vector3d blade_normal = bladeNormal(scene, stage, solver);
   const double gain =
       stage == PhantomScene::kUndeformed ? 1.0 : description.stages[static_cast<std::size_t>(stage)].gain;
   const double corner_square = 0.25 * (view.size.width * view.size.width + view.size.height * view.size.height);
 
   /// One ray; `centre` is the hit of its pixel's middle, from which a ray nearby is one chord step away.
-  const auto trace = [&](double u, double v, int column, int row, const std::optional<SheetHit>& centre,
+  const auto trace = [&](const Eigen::Vector2d& direction, int column, int row, const std::optional<SheetHit>& centre,
                          const Eigen::Vector2d& centre_direction) -> cv::Vec3f {
-    const Eigen::Vector2d direction = view.direction(u, v);
     std::optional<SheetHit> hit;
     if (centre && !solver.isFolded(column, row)) {
       hit = centre;
@@ -111,9 +116,10 @@ cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int s
       const Eigen::Vector2d correction = centre->image_to_material * (direction - hit->surface.point.hnormalized());
       constexpr double kSmallCorrection =
           5e-6;  // [m]; what is left after the step is its square over the relief's size
-      if (correction.norm() < kSmallCorrection)
+      if (correction.norm() < kSmallCorrection) {
         hit->material += correction;
-      else
+        hit->surface.rim.value += hit->surface.rim.dx * correction.x() + hit->surface.rim.dy * correction.y();
+      } else
         hit = solver.solve(direction, hit->material);
     }
     if (!hit) hit = solver.nearest(direction, column, row);
@@ -123,7 +129,7 @@ cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int s
                           blade->second.x(), blade->second.y());
     if (!hit) return {0, 0, 0};
     const double x = hit->material.x(), y = hit->material.y();
-    return shader.shade(paint.at(x, y), hit->surface.point, normalOf(hit->surface), x, y);
+    return shader.shade(paint.at(x, y, hit->surface), hit->surface.point, normalOf(hit->surface), x, y);
   };
 
   cv::Mat light(view.size, CV_32FC3);
@@ -134,10 +140,14 @@ cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int s
         std::optional<SheetHit> centre;
         if (!solver.isFolded(column, row)) centre = solver.nearest(direction, column, row);
         cv::Vec3f sum(0, 0, 0);
+        // Within a pixel the distortion is linear to 1e-10.
+        const Eigen::Vector2d along_u = view.direction(column + 0.5, row) - view.direction(column - 0.5, row);
+        const Eigen::Vector2d along_v = view.direction(column, row + 0.5) - view.direction(column, row - 0.5);
         for (int j = 0; j < supersampling; ++j)
           for (int i = 0; i < supersampling; ++i)
-            sum += trace(column + (i + 0.5) / supersampling - 0.5, row + (j + 0.5) / supersampling - 0.5, column, row,
-                         centre, direction);
+            sum += trace(
+                direction + ((i + 0.5) / supersampling - 0.5) * along_u + ((j + 0.5) / supersampling - 0.5) * along_v,
+                column, row, centre, direction);
         const double du = column - 0.5 * (view.size.width - 1), dv = row - 0.5 * (view.size.height - 1);
         const double falloff = 1 - description.image.vignette * (du * du + dv * dv) / corner_square;
         light.at<cv::Vec3f>(row, column) =
@@ -197,24 +207,24 @@ cv::Mat Sensor::expose(const cv::Mat& prepared, std::uint64_t frame, Side side) 
 PhantomPairs::PhantomPairs(std::shared_ptr<const PhantomScene> scene)
     : scene_(std::move(scene)), sensor_(scene_->description().image.noise, scene_->description().image.noise_seed) {}
 
+const PhantomPairs::Prepared& PhantomPairs::prepared(int stage) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  Prepared& entry = stages_[stage];
+  lock.unlock();
+  std::call_once(entry.once, [&] {
+    const ImageSettings& image = scene_->description().image;
+    const auto render = [&](Side side) {
+      return renderView(*scene_, stage, scene_->view(stage, side), image.supersampling);
+    };
+    entry.left = Sensor::prepare(render(Side::kLeft));
+    entry.right = Sensor::prepare(render(Side::kRight) * image.right_gain);
+  });
+  return entry;
+}
+
 StereoImages PhantomPairs::take(int stage, std::uint64_t frame) {
-  Prepared prepared;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    auto known = stages_.find(stage);
-    if (known == stages_.end()) {
-      const ImageSettings& image = scene_->description().image;
-      const auto render = [&](Side side) {
-        return renderView(*scene_, stage, scene_->view(stage, side), image.supersampling);
-      };
-      Prepared fresh;
-      fresh.left = Sensor::prepare(render(Side::kLeft));
-      fresh.right = Sensor::prepare(render(Side::kRight) * image.right_gain);
-      known = stages_.emplace(stage, fresh).first;
-    }
-    prepared = known->second;
-  }
-  return {sensor_.expose(prepared.left, frame, Side::kLeft), sensor_.expose(prepared.right, frame, Side::kRight)};
+  const Prepared& light = prepared(stage);
+  return {sensor_.expose(light.left, frame, Side::kLeft), sensor_.expose(light.right, frame, Side::kRight)};
 }
 
 }  // namespace cortshift_stereo_phantom

@@ -25,6 +25,8 @@ ScalarField operator+(const ScalarField& a, const ScalarField& b) {
   return {a.value + b.value, a.dx + b.dx, a.dy + b.dy};
 }
 
+ScalarField complement(const ScalarField& a) { return {1 - a.value, -a.dx, -a.dy}; }
+
 /// Quintic step of (radius - start) * scale.
 ScalarField stepOfRadius(const ScalarField& radius, double start, double scale) {
   const double t = (radius.value - start) * scale;
@@ -118,38 +120,32 @@ Eigen::Isometry3d PhantomScene::T_reference_microscope(int stage) const {
   return case_.T_pmr_reference.inverse() * T_pmr_head(stage) * case_.T_microscope_head.inverse();
 }
 
-ScalarField PhantomScene::height(double x, double y, const ScalarField& radius) const {
-  const double R = case_.head.dome_radius;
+SurfaceSample PhantomScene::undeformed(double x, double y) const {
   // A hyperboloid: curvature 1/R at the apex and no end to it further out.
-  const double root = std::sqrt(R * R + x * x + y * y);
-  const ScalarField dome{R - root, -x / root, -y / root};
+  const double R = case_.head.dome_radius, root = std::sqrt(R * R + x * x + y * y);
+  ScalarField height{R - root, -x / root, -y / root};
+  const ScalarField rim = craniotomy_.radius(x, y);
   const double scale = craniotomy_.smallestHalfAxis();
-  ScalarField result = dome;
-  if (radius.value < 1) {
-    const cortshift_flow_phantom::Relief relief = texture_->relief(x, y);
-    ScalarField fade = stepOfRadius(radius, 1 - kReliefFade / scale, scale / kReliefFade);
-    fade = {1 - fade.value, -fade.dx, -fade.dy};
-    result = result + ScalarField{relief.height, relief.dx, relief.dy} * fade;
+  cortshift_flow_phantom::Relief relief{0, 0, 0};
+  if (rim.value < 1) {
+    relief = texture_->relief(x, y);
+    const ScalarField fade = complement(stepOfRadius(rim, 1 - kReliefFade / scale, scale / kReliefFade));
+    height = height + ScalarField{relief.height, relief.dx, relief.dy} * fade;
   } else {
-    ScalarField rise = stepOfRadius(radius, 1, scale / case_.head.bevel_width);
+    const ScalarField rise = stepOfRadius(rim, 1, scale / case_.head.bevel_width);
     const double h = case_.head.bone_height;
-    result = result + ScalarField{h * rise.value, h * rise.dx, h * rise.dy};
+    height = height + ScalarField{h * rise.value, h * rise.dx, h * rise.dy};
   }
-  return result;
+  return {{x, y, height.value}, {1, 0, height.dx}, {0, 1, height.dy}, rim, relief};
 }
 
 SurfaceSample PhantomScene::sample(int stage_index, double x, double y) const {
-  const ScalarField radius = craniotomy_.radius(x, y);
-  const ScalarField h = height(x, y, radius);
-  SurfaceSample s{{x, y, h.value}, {1, 0, h.dx}, {0, 1, h.dy}};
+  SurfaceSample s = undeformed(x, y);
   if (stage_index == kUndeformed) return s;
   const Stage& stage = stages_[static_cast<std::size_t>(stage_index)];
-
-  const double scale = craniotomy_.smallestHalfAxis();
-  if (radius.value < 1) {
-    const double width = case_.head.window_width;
-    const ScalarField falling = stepOfRadius(radius, 1 - width / scale, scale / width);
-    const ScalarField window{1 - falling.value, -falling.dx, -falling.dy};
+  if (s.rim.value < 1) {
+    const double scale = craniotomy_.smallestHalfAxis(), width = case_.head.window_width;
+    const ScalarField window = complement(stepOfRadius(s.rim, 1 - width / scale, scale / width));
 
     const DeformationSettings& d = stage.deformation;
     Eigen::Vector3d shift = stage.shift, shift_x(0, 0, 0), shift_y(0, 0, 0);
@@ -208,11 +204,10 @@ Material PhantomScene::materialAt(int stage_index, double x, double y) const {
   return Material::kBrain;
 }
 
-double PhantomScene::rimDistance(double x, double y) const {
-  const ScalarField radius = craniotomy_.radius(x, y);
-  const double slope = std::hypot(radius.dx, radius.dy);
+double PhantomScene::rimDistance(const ScalarField& rim) const {
+  const double slope = std::hypot(rim.dx, rim.dy);
   // Near the middle the slope vanishes and the distance is about a half axis.
-  return (1 - radius.value) / std::max(slope, 1 / (2 * craniotomy_.smallestHalfAxis()));
+  return (1 - rim.value) / std::max(slope, 1 / (2 * craniotomy_.smallestHalfAxis()));
 }
 
 void PhantomScene::checkFolds(int stage) const {

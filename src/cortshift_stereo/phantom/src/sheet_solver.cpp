@@ -45,8 +45,11 @@ SheetSolver::SheetSolver(const PhantomScene& scene, int stage, const View& view)
 }
 
 SurfaceSample SheetSolver::sample(const Eigen::Vector2d& material) const {
-  const SurfaceSample s = scene_.sample(stage_, material.x(), material.y());
-  return {T_camera_brain_ * s.point, T_camera_brain_.linear() * s.along_x, T_camera_brain_.linear() * s.along_y};
+  SurfaceSample s = scene_.sample(stage_, material.x(), material.y());
+  s.point = T_camera_brain_ * s.point;
+  s.along_x = T_camera_brain_.linear() * s.along_x;
+  s.along_y = T_camera_brain_.linear() * s.along_y;
+  return s;
 }
 
 void SheetSolver::buildStarts() {

@@ -58,7 +58,7 @@ struct LightSettings {
   double ambient = 0.25;                        ///< share of the light that falls from everywhere
   double diffuse = 0.80;                        ///< share that falls from the lamp
   double specular = 0.0;                        ///< strength of the wet highlights; 0: none, 1 saturates
-  double shininess = 250;                       ///< exponent of the highlights
+  double shininess = 500;                       ///< exponent of the highlights
 };
 
 struct ImageSettings {

@@ -54,18 +54,23 @@ class PhantomPairs {
 
   const PhantomScene& scene() const { return *scene_; }
 
+  /// Renders a stage ahead of its first pair; a few seconds. Other stages can be taken meanwhile.
+  void prepare(int stage) { prepared(stage); }
+
   /// @param frame number of the exposure; each has its own noise
   StereoImages take(int stage, std::uint64_t frame);
 
  private:
   struct Prepared {
+    std::once_flag once;
     cv::Mat left, right;
   };
+  const Prepared& prepared(int stage);
 
   std::shared_ptr<const PhantomScene> scene_;
   Sensor sensor_;
   std::mutex mutex_;
-  std::map<int, Prepared> stages_;
+  std::map<int, Prepared> stages_;  // nodes of a map stay where they are
 };
 
 }  // namespace cortshift_stereo_phantom

@@ -41,9 +41,11 @@ class Outline {
 
 /// A surface point and its tangents along the material coordinates, in the brain frame.
 struct SurfaceSample {
-  Eigen::Vector3d point;    ///< [m]
-  Eigen::Vector3d along_x;  ///< d point / dx
-  Eigen::Vector3d along_y;  ///< d point / dy
+  Eigen::Vector3d point;                  ///< [m]
+  Eigen::Vector3d along_x;                ///< d point / dx
+  Eigen::Vector3d along_y;                ///< d point / dy
+  ScalarField rim;                        ///< Outline::radius of the craniotomy: below 1 inside
+  cortshift_flow_phantom::Relief relief;  ///< gyral relief of the brain [m]; 0 outside
 };
 
 /// Where a ray meets the scene.
@@ -92,7 +94,8 @@ class PhantomScene {
   Material materialAt(int stage, double x, double y) const;
 
   /// Distance [m] inwards from the rim of the craniotomy, to first order; negative outside.
-  double rimDistance(double x, double y) const;
+  double rimDistance(double x, double y) const { return rimDistance(craniotomy_.radius(x, y)); }
+  double rimDistance(const ScalarField& rim) const;
 
   /// The surface point of a stage nearest to `point_pmr` (within about 3 mm of the surface), by damped Gauss-Newton.
   /// Nothing where no surface is near.
@@ -115,8 +118,7 @@ class PhantomScene {
   friend class SurfacePaint;
   struct Stage;
 
-  ScalarField height(double x, double y,
-                     const ScalarField& radius) const;  // of the undeformed head, without the resection
+  SurfaceSample undeformed(double x, double y) const;
   void checkFolds(int stage) const;
   std::optional<Eigen::Vector2d> materialBelow(int stage, const Eigen::Vector3d& point_brain,
                                                const Eigen::Vector2d& guess) const;
