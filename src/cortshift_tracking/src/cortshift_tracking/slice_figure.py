@@ -1,6 +1,5 @@
 """MR slices with the cross-sections of the reconstructed surfaces (paper Figs. 2d, 11a, 12a)."""
 import numpy as np
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
@@ -72,9 +71,11 @@ def _panel(panel, volume, surfaces, plane, at, low, high, window, width):
     panel.imshow(grey, cmap='gray', vmin=window[0], vmax=window[1], extent=extent, origin='lower', interpolation='nearest')
     for number, (_, points) in enumerate(surfaces):
         segments = cut(points, axis, at[axis])[..., [shown.across, shown.up]] * 1000
+        # One line with gaps: thousands of separate ones would take seconds to draw.
+        curve = np.concatenate([segments, np.full((len(segments), 1, 2), np.nan)], 1).reshape(-1, 2).T
         # A dark outline keeps every colour apart from bright tissue.
-        panel.add_collection(LineCollection(segments, colors='black', linewidths=width + 1.2, capstyle='round'))
-        panel.add_collection(LineCollection(segments, colors=stage_colour(number), linewidths=width, capstyle='round'))
+        panel.plot(*curve, color='black', linewidth=width + 1.2, solid_capstyle='round')
+        panel.plot(*curve, color=stage_colour(number), linewidth=width, solid_capstyle='round')
     panel.set_xlim(extent[[1, 0]] if shown.flip_across else extent[[0, 1]])
     panel.set_ylim(extent[[3, 2]] if shown.flip_up else extent[[2, 3]])
     panel.set_aspect('equal')
