@@ -111,7 +111,7 @@ def _warnings(case):
         if stage.T_pmr_left is None:
             found.append(f'stage {stage.key}: the pose of its camera is not known')
     for field in case.fields:
-        name = f'{field.from_key} -> {field.to_key}'
+        name = f'{field.from_key} → {field.to_key}'
         summary = field.summary
         if summary.overlap < LOW_COVERAGE:
             found.append(f'{name}: the later stage covers only {summary.overlap:.0%} of the earlier one')
@@ -193,7 +193,7 @@ def _table(title, header, rows, note, transpose=False):
 
 def _pair(case, field):
     keys = {stage.key for stage in case.stages}
-    name = f'{field.from_key} -> {field.to_key}'
+    name = f'{field.from_key} → {field.to_key}'
     if not field.valid.any():
         return f'<h2>{_text(name)}</h2><p>No vector can be trusted.</p>'
     gravity = case.gravity_pmr

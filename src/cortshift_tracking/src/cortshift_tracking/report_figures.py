@@ -3,7 +3,6 @@ import base64
 import io
 
 import cv2
-import mpl_toolkits.mplot3d  # noqa: F401  registers the projection in older matplotlib
 import numpy as np
 from matplotlib import cm
 from matplotlib.colors import Normalize
@@ -26,7 +25,7 @@ def to_data_uri(figure):
 def _figure(rows, columns, height_px):
     figure = Figure(figsize=(WIDTH_PX / DPI, height_px / DPI), dpi=DPI, facecolor='white')
     panels = figure.subplots(rows, columns, squeeze=False)
-    figure.subplots_adjust(left=0.055, right=0.985, top=0.95, bottom=0.08, wspace=0.2, hspace=0.25)
+    figure.subplots_adjust(left=0.055, right=0.95, top=0.95, bottom=0.08, wspace=0.2, hspace=0.25)
     return figure, panels
 
 
@@ -122,7 +121,7 @@ def _round_up(value):
     if not value > 0.1:
         return 0.1
     power = 10.0 ** np.floor(np.log10(value))
-    return float(next(step * power for step in (1, 1.5, 2, 3, 5, 7.5, 10) if step * power >= value - 1e-12))
+    return float(next(step * power for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if step * power >= value - 1e-12))
 
 
 def strain_of(field, smoothing=SMOOTHING):
@@ -151,36 +150,52 @@ def trust_figure(field):
     _map(figure, panels[0, 0], field, np.where(field.valid, field.confidence, np.nan), 'confidence', 'cividis', 0, 1, '', 1)
     _map(figure, panels[0, 1], field, strain[0], 'major principal strain', 'RdBu_r', -top, top, '%', 100)
     _map(figure, panels[0, 2], field, strain[1], 'minor principal strain', 'RdBu_r', -top, top, '%', 100)
-    figure.subplots_adjust(bottom=0.12, top=0.92, wspace=0.25)
+    figure.subplots_adjust(bottom=0.12, top=0.92, wspace=0.35)
     return figure
 
 
-def vector_figure(field, arrows=26):
-    """3D view of the vectors from the earlier to the later surface, in the field's own plane (paper Figs. 7, 11)."""
-    stride = max(1, int(np.sqrt(field.valid.sum()) / arrows))
-    pick = np.zeros_like(field.valid)
-    pick[stride // 2::stride, stride // 2::stride] = True
-    pick &= field.valid
+def vector_figure(field, arrows=24, elevation=0.6, azimuth=-0.5):
+    """Oblique view of the vectors from the earlier to the later surface (paper Figs. 7, 11), parallel projection.
+
+    elevation, azimuth: of the viewer over the projection plane [rad].
+    """
     R, origin = field.T_pmr_projection[:3, :3], field.T_pmr_projection[:3, 3]
-    start = (field.start[pick] - origin) @ R * 1000
-    vector = field.displacement[pick] @ R * 1000
-    magnitude = np.linalg.norm(vector, axis=1)
+    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+    screen = np.array([[ca, -sa, 0], [sa * se, ca * se, ce]])  # right and up of the picture in the local frame
+
+    def seen(points_local):
+        return points_local @ screen.T * 1000
+
+    def chosen(count):
+        stride = max(1, int(np.sqrt(field.valid.sum()) / count))
+        pick = np.zeros_like(field.valid)
+        pick[stride // 2::stride, stride // 2::stride] = True
+        return pick & field.valid
+    figure = Figure(figsize=(WIDTH_PX / DPI, 6.6), dpi=DPI, facecolor='white')
+    panel = figure.add_axes([0.02, 0.02, 0.86, 0.96])
+    surface = chosen(220)
+    panel.scatter(*seen((field.start[surface] - origin) @ R).T, c=field.colour[surface] / 255, s=7, alpha=0.35, linewidths=0)
+    pick = chosen(arrows)
+    start = (field.start[pick] - origin) @ R
+    vector = field.displacement[pick] @ R
+    magnitude = np.linalg.norm(vector, axis=1) * 1000
     top = _round_up(np.nanpercentile(np.linalg.norm(field.displacement, axis=-1), 99) * 1000)
-    colour = cm.get_cmap('viridis')(np.clip(magnitude / top, 0, 1))
-    figure = Figure(figsize=(WIDTH_PX / DPI, 6.4), dpi=DPI, facecolor='white')
-    panel = figure.add_axes([0.02, 0.02, 0.86, 0.96], projection='3d')
-    for s, v, c in zip(start, vector, colour):
-        panel.plot(*np.stack([s, s + v], 1), color=c, linewidth=1.1)
-    end = start + vector
-    panel.scatter(*end.T, c=colour, s=7, depthshade=False)
-    spans = [np.ptp(np.concatenate([start, end])[:, n]) for n in range(3)]
-    panel.set_box_aspect([max(s, 0.15 * max(spans)) for s in spans])
-    panel.set_xlabel('x / mm')
-    panel.set_ylabel('y / mm')
-    panel.set_zlabel('z / mm (normal)')
-    panel.view_init(elev=24, azim=-62)
+    tail, head = seen(start), seen(start + vector)
+    panel.quiver(*tail.T, *(head - tail).T, magnitude, cmap='viridis', norm=Normalize(0, top), angles='xy', scale_units='xy', scale=1,
+                 width=0.0022, headwidth=4, headlength=5)
+    low, high = np.minimum(tail.min(0), head.min(0)), np.maximum(tail.max(0), head.max(0))
+    corner = low - 0.02 * (high - low)
+    for n, name in enumerate(('x', 'y', 'z (normal)')):
+        tip = corner + 10 * screen[:, n]
+        panel.annotate('', tip, corner, arrowprops={'arrowstyle': '->', 'color': '#333333', 'lw': 1.4})
+        panel.text(*(corner + 11.5 * screen[:, n]), name, fontsize=9, ha='center', va='center')
+    panel.text(*(corner - [0, 3.0]), 'axes: 10 mm', fontsize=9, ha='left')
+    panel.set_xlim(corner[0] - 6, high[0] + 3)
+    panel.set_ylim(corner[1] - 6, high[1] + 3)
+    panel.set_aspect('equal')
+    panel.set_axis_off()
     bar = figure.colorbar(cm.ScalarMappable(Normalize(0, top), 'viridis'), cax=figure.add_axes([0.91, 0.2, 0.015, 0.6]))
-    bar.set_label('|d| / mm (dot: end on the later surface)')
+    bar.set_label('|d| / mm; arrows in true length')
     return figure
 
 
