@@ -1,9 +1,9 @@
 # Python of this package: probe, preoperative MR, validation, report; and its tests.
 catkin_python_setup()
-catkin_install_python(PROGRAMS scripts/probe DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+catkin_install_python(PROGRAMS scripts/case_report scripts/probe scripts/register_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
-  set(PROOF_TESTS test_mr test_cross_section test_probe)
+  set(PROOF_TESTS test_mr test_cross_section test_probe test_validation test_report test_phantom_mr)
   list(TRANSFORM PROOF_TESTS REPLACE "(.+)" "test/\\1.py")
   list(JOIN PROOF_TESTS " " PROOF_TESTS)
   catkin_run_tests_target("pytest" proof "pytest-proof.xml"

@@ -6,6 +6,7 @@
 #include <opencv2/core/utility.hpp>
 #include <string>
 
+#include "cortshift_stereo/refinement.hpp"
 #include "cortshift_stereo/triangulation.hpp"
 
 namespace cortshift_stereo {
@@ -91,25 +92,26 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
 
   ReconstructionResult result;
   ReconstructionQuality& quality = result.quality;
-  quality.left = measureImage(left);
-  quality.right = measureImage(right);
+  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
+    for (int side = sides.start; side < sides.end; ++side)
+      (side == 0 ? quality.left : quality.right) = measureImage(side == 0 ? left : right);
+  });
   checkImage(quality.left, limits, "left");
   checkImage(quality.right, limits, "right");
 
   const RectifiedPair pair = rectifier.rectify(left, right);
-  cv::Mat left_grey, right_grey;
-  pair.left.convertTo(left_grey, CV_8U);
-  pair.right.convertTo(right_grey, CV_8U);
   const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
-  quality.search_range = usedRange(left_grey, right_grey, model, possible, settings.relief);
+  quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
   if (quality.search_range.size() == 0)
     throw PairError("no_match", "The two images do not match at any working distance between " +
                                     number(settings.min_working_distance) + " and " +
                                     number(settings.max_working_distance) +
                                     " m: check that both belong to one pair, that left and right are not swapped, and "
                                     "the calibration.");
-  result.disparity = matchSemiGlobal(left_grey, right_grey, quality.search_range);
+  result.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, quality.search_range);
   dropUnusable(result.disparity, pair);
+  const RefinedDisparity refined = refineDisparity(pair, result.disparity);
+  result.disparity = refined.disparity;
 
   quality.coverage = shareOfValid(result.disparity);
   quality.epipolar = measureEpipolarResidual(pair, result.disparity, rectifier);

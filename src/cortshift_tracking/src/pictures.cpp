@@ -104,7 +104,7 @@ double scaleEnd(const DisplacementField& field) {
   const auto at = magnitudes.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(magnitudes.size() - 1));
   std::nth_element(magnitudes.begin(), at, magnitudes.end());
   const double largest = std::max(*at, 0.0001), power = std::pow(10, std::floor(std::log10(largest) + 1e-9));
-  for (const double step : {1.0, 2.0, 5.0})
+  for (const double step : {1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0})
     if (largest <= step * power * (1 + 1e-6)) return step * power;
   return 10 * power;
 }
@@ -125,7 +125,8 @@ cv::Mat overlayAfter(const ShiftResult& result) {
   std::vector<std::vector<cv::Point>> outlines;
   cv::findContours(upright(validMask(result.field), cv::INTER_NEAREST) > 127, outlines, cv::RETR_CCOMP,
                    cv::CHAIN_APPROX_NONE);
-  cv::drawContours(canvas, outlines, -1, {255, 160, 60}, 1);
+  for (std::size_t i = 0; i < outlines.size(); ++i)
+    if (cv::contourArea(outlines[i]) > 40) cv::drawContours(canvas, outlines, static_cast<int>(i), {255, 160, 60}, 1);
   return canvas;
 }
 

@@ -7,8 +7,9 @@
 
 int main(int argc, char** argv) {
   ros::init(argc, argv, "stereo_driver");
+  const ros::NodeHandle node;  // outlives the try block: without any handle ROS, and with it the log, is shut down
   try {
-    const ros::NodeHandle node, private_node("~");
+    const ros::NodeHandle private_node("~");
     const auto parameters = cortshift_stereo::StereoDriverParameters::load(private_node);
     cortshift_stereo::PhantomRig rig(parameters);
     // Enough threads that tracker and diagnostics go on while a pair, a trigger and a change of stage are under way.
@@ -16,6 +17,7 @@ int main(int argc, char** argv) {
     ros::AsyncSpinner spinner(kThreads);
     spinner.start();
     rig.prepare();
+    if (!ros::ok()) return 0;  // stopped while the first stage was rendered; nothing may be advertised any more
     cortshift_stereo::StereoDriver driver(
         node, private_node, parameters, rig.source(),
         [&rig](cortshift_stereo::Stamp time) { return rig.T_reference_microscope(time); });

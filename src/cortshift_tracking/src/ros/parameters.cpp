@@ -33,6 +33,10 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const ros::NodeHandle& priva
   reader.number("glare_margin", s.trust.glare_margin, 0.0, 0.01);
   reader.number("match_window", s.trust.match_window, 0.0005, 0.02);
   reader.number("image_noise", s.trust.image_noise, 0.0, 0.2);
+  reader.flag("strain", s.with_strain);
+  reader.number("strain_window", s.strain.window, 0.0005, 0.02);
+  reader.choice("exclusions", p.exclusions);
+  reader.number("track_resolution", p.track_resolution, 0.00005, 0.001);
   int threads = 0;
   reader.number("threads", threads, 0, 64);
   s.setThreads(threads);
