@@ -371,6 +371,18 @@ TEST_F(ShiftTrackerNode, GravityAndExcludedRegionsCountFromTheNextShiftOn) {
   EXPECT_FALSE(std::isnan(field.displacement_pmr.at<cv::Vec3f>(row, column)[0]));
   EXPECT_TRUE(std::isnan(holed.displacement_pmr.at<cv::Vec3f>(row, column)[0]));
   EXPECT_FALSE(std::isnan(holed.displacement_pmr.at<cv::Vec3f>(row, column + 60)[0]));
+
+  // Other stages under the same keys, seen along another normal: nothing of the old ones may linger.
+  SetUp();
+  publish(cloudOf(sagged, ros::Time::now()));
+  ASSERT_TRUE(capture("a").success);
+  publish(cloudOf(rest, ros::Time::now()));
+  ASSERT_TRUE(capture("b").success);
+  const auto anew = compute("a", "b");
+  ASSERT_TRUE(anew.success) << anew.message;
+  EXPECT_NEAR(anew.summary.gravity_normal_angle, std::acos((-field.frame.normal_pmr()).dot(averageNormal(sagged))),
+              1e-6);
+  EXPECT_GT(anew.summary.valid_points, after.summary.valid_points);
 }
 
 TEST_F(ShiftTrackerNode, LiveModePublishesAFieldForTheNewestSurfaces) {

@@ -243,9 +243,8 @@ TEST_F(StageStoreTest, AReadOnlyFolderCanBeReadAndRefusesCaptures) {
     StageStore store(folder);
     store.add(sampleStage("one"));
   }
-  fs::permissions(folder,
-                  fs::perms::owner_read | fs::perms::owner_exec | fs::perms::others_read | fs::perms::others_exec);
-  fs::permissions(folder / ".lock", fs::perms::owner_read | fs::perms::others_read);
+  fs::permissions(folder, fs::perms(0555));
+  fs::permissions(folder / ".lock", fs::perms(0444));
   const pid_t child = ::fork();
   ASSERT_GE(child, 0);
   if (child == 0) {  // root ignores permissions: look at it as nobody does

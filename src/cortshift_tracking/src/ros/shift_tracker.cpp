@@ -256,7 +256,10 @@ bool ShiftTracker::onList(cortshift_msgs::ListStages::Request&, cortshift_msgs::
 bool ShiftTracker::onDelete(cortshift_msgs::DeleteStage::Request& request,
                             cortshift_msgs::DeleteStage::Response& response) {
   try {
+    const std::lock_guard<std::mutex> guard(compute_mutex_);
     store_.remove(request.key);
+    regions_.erase(request.key);  // a later stage of this key is another one
+    if (first_key_ == request.key) first_key_.clear();
     response.success = true;
     response.message = "stage '" + request.key + "' is deleted";
     ROS_INFO_STREAM(response.message);
