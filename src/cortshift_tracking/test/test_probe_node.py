@@ -13,7 +13,8 @@ import rospy
 import rostest
 import tf2_ros
 from cortshift_msgs.msg import StageInfo
-from cortshift_msgs.srv import (DeletePoint, DigitizeGravity, DigitizePoint, ListPoints, ListStages, ListStagesResponse)
+from cortshift_msgs.srv import (DeletePoint, DigitizeGravity, DigitizePoint, ListPoints, ListStages, ListStagesResponse,
+                                SetGravity, SetGravityResponse)
 from cortshift_tracking.probe_store import read_points
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped
@@ -69,10 +70,17 @@ class ProbeNode(unittest.TestCase):
         rospy.init_node('test_probe_node')
         rospy.Service('/shift_tracker/list_stages', ListStages,
                       lambda _: ListStagesResponse([StageInfo(key='first'), StageInfo(key='second')]))
+        cls.gravity = []
+        rospy.Service('/shift_tracker/set_gravity', SetGravity, cls.take_gravity)
         for name, kind in (('digitize_point', DigitizePoint), ('digitize_gravity', DigitizeGravity), ('list_points', ListPoints),
                            ('delete_point', DeletePoint)):
             rospy.wait_for_service(f'/probe/{name}', timeout=30)
             setattr(cls, name, staticmethod(rospy.ServiceProxy(f'/probe/{name}', kind)))
+
+    @classmethod
+    def take_gravity(cls, request):
+        cls.gravity.append([request.gravity.x, request.gravity.y, request.gravity.z])
+        return SetGravityResponse(True, 'gravity is set')
 
     @classmethod
     def tearDownClass(cls):
@@ -150,6 +158,8 @@ class ProbeNode(unittest.TestCase):
         self.assertTrue(second.success and second.complete, second.message)
         measured = np.array([second.gravity.x, second.gravity.y, second.gravity.z])
         self.assertLess(np.degrees(np.arccos(measured @ down)), 0.2)
+        self.assertEqual(len(self.gravity), 1)  # the shift tracker was told, once
+        self.assertTrue(np.allclose(self.gravity[0], measured))
         self.assertIn('delete it first', self.digitize_gravity('lower').message)
 
     def test_5_deleting_and_the_file(self):

@@ -7,7 +7,7 @@ import rospy
 import tf2_ros
 from cortshift_msgs.msg import ProbePoint as ProbePointMessage
 from cortshift_msgs.srv import (DeletePoint, DeletePointResponse, DigitizeGravity, DigitizeGravityResponse, DigitizePoint,
-                                DigitizePointResponse, ListPoints, ListPointsResponse, ListStages)
+                                DigitizePointResponse, ListPoints, ListPointsResponse, ListStages, SetGravity)
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Vector3
 from tf2_msgs.msg import TFMessage
@@ -182,7 +182,12 @@ class ProbeNode:
             raise ProbeError(f'shift_tracker does not answer ({error}), so the stage cannot be checked; start it') from error
 
     def _hand_over(self, down):
-        return f'down is ({down[0]:.4f}, {down[1]:.4f}, {down[2]:.4f}) in {ROOT_FRAME}'
+        told = f'down is ({down[0]:.4f}, {down[1]:.4f}, {down[2]:.4f}) in {ROOT_FRAME}'
+        try:
+            answer = rospy.ServiceProxy('/shift_tracker/set_gravity', SetGravity)(Vector3(*down))
+        except (rospy.ROSException, rospy.ServiceException) as error:
+            return f'{told}; but shift_tracker does not know it: {error}'
+        return f'{told}; shift_tracker: {answer.message}'
 
     # ---- messages
 
