@@ -1,6 +1,6 @@
 # Python of this package: probe, preoperative MR, validation, report; and its tests.
 catkin_python_setup()
-catkin_install_python(PROGRAMS scripts/case_report scripts/probe scripts/register_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+catkin_install_python(PROGRAMS scripts/case_report scripts/digital_phantom scripts/probe scripts/register_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   set(PROOF_TESTS test_mr test_cross_section test_probe test_validation test_report test_phantom_mr)
