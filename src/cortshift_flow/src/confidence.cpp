@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "cortshift_flow/flow.hpp"
 #include "mismatch.hpp"
 #include "parallel.hpp"
 #include "spline_grid.hpp"
@@ -42,6 +44,11 @@ Plane curvatureOfNodes(const FlowPlanes& nodes) {
 float confidenceOf(float predicted_error) {
   const float ratio = predicted_error / kHalfConfidence;
   return 1 / (1 + ratio * ratio);
+}
+
+double predictedError(double confidence) {
+  return confidence > 0 ? kHalfConfidence * std::sqrt(std::max(0.0, 1 / confidence - 1))
+                        : std::numeric_limits<double>::infinity();
 }
 
 cv::Mat1f predictConfidence(const Level& level, const FlowPlanes& flow, const cv::Mat1b& visible,

@@ -78,6 +78,7 @@ void ReconstructionSettings::validate() const {
   require(min_working_distance > 0, "min_working_distance", min_working_distance, "> 0 m");
   require(max_working_distance > min_working_distance, "max_working_distance", max_working_distance,
           "> min_working_distance");
+  require(max_deviation > 0, "max_deviation", max_deviation, "> 0 px");
   require(relief >= 0, "relief", relief, ">= 0 m");
 }
 
@@ -112,6 +113,7 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   dropUnusable(result.disparity, pair);
   const RefinedDisparity refined = refineDisparity(pair, result.disparity);
   result.disparity = refined.disparity;
+  result.disparity.setTo(std::numeric_limits<float>::quiet_NaN(), refined.deviation > settings.max_deviation);
 
   quality.coverage = shareOfValid(result.disparity);
   quality.epipolar = measureEpipolarResidual(pair, result.disparity, rectifier);
@@ -120,8 +122,8 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   Surface& surface = result.surface_left;
   surface.points = triangulate(result.disparity, model);
   surface.colour = pair.left_colour;
-  surface.confidence = cv::Mat(result.disparity.size(), CV_32FC1, cv::Scalar(0));
-  surface.confidence.setTo(1, result.disparity == result.disparity);
+  surface.confidence = confidenceOf(refined.deviation);
+  surface.confidence.setTo(0, ~(result.disparity == result.disparity));
   result.seconds = static_cast<double>(cv::getTickCount() - start) / cv::getTickFrequency();
   return result;
 }

@@ -91,7 +91,7 @@ struct Pairs {
 
 struct Transforms {
   Transforms() : listener(buffer) {}
-  tf2_ros::Buffer buffer;
+  tf2_ros::Buffer buffer{ros::Duration(600)};  // a stage may take long to render
   tf2_ros::TransformListener listener;
 
   Eigen::Isometry3d lookup(const std::string& target, const std::string& source, const ros::Time& stamp) const {

@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "flow_targets.hpp"
+
 namespace cortshift_tracking {
 namespace {
 
@@ -114,11 +116,8 @@ cv::Mat overlayBefore(const ShiftResult& result) {
 }
 
 cv::Mat overlayAfter(const ShiftResult& result) {
-  cv::Mat map(result.flow.size(), CV_32FC2), colour, mask;
-  for (int row = 0; row < map.rows; ++row)
-    for (int column = 0; column < map.cols; ++column)
-      map.at<cv::Vec2f>(row, column) =
-          result.flow.at<cv::Vec2f>(row, column) + cv::Vec2f(static_cast<float>(column), static_cast<float>(row));
+  const cv::Mat map = flowTargets(result.flow);
+  cv::Mat colour, mask;
   cv::remap(result.later.colour, colour, map, {}, cv::INTER_CUBIC);
   cv::remap(result.later.mask, mask, map, {}, cv::INTER_NEAREST);
   cv::Mat canvas = overlay(result, colour, mask, "after compensation; inside the line: trusted");

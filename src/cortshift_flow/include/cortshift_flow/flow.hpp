@@ -54,9 +54,12 @@ struct FlowResult {
   cv::Mat flow;  ///< CV_32FC2, size of the first image, (u, v) in pixels; finite everywhere
 
   /// CV_32FC1, 0...1 per pixel of the first image; 0 where the mask excludes it. It stands for a predicted error e of
-  /// the flow: confidence = 1 / (1 + (e / 0.25 px)^2), so 0.5 means that 0.25 px are expected.
+  /// the flow: confidence = 1 / (1 + (e / 0.25 px)^2), so 0.5 means that 0.25 px are expected. See predictedError().
   cv::Mat confidence;
 };
+
+/// The predicted error [px] that a confidence of FlowResult stands for; infinite for 0.
+double predictedError(double confidence);
 
 /// Variational flow from `first` to `second`.
 ///

@@ -24,4 +24,10 @@ struct RefinedDisparity {
 /// @param start  CV_32FC1 [px], NaN where unknown
 RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start);
 
+/// Confidence 0...1 of a deviation [px]: 1 / (1 + (deviation / 0.1 px)^2), so 0.5 at a tenth of a pixel; 0 for NaN.
+cv::Mat confidenceOf(const cv::Mat& deviation);
+
+/// The other way round: deviation [px] of a confidence > 0.
+double deviationOf(double confidence);
+
 }  // namespace cortshift_stereo

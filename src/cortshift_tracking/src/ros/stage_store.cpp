@@ -100,8 +100,7 @@ void StageStore::scan() {
       const std::string name = path.stem().string();
       if (!std::regex_match(name, parts, kStageName)) continue;
       std::error_code ignored;  // a capture that was never acknowledged
-      if (fs::remove(path, ignored))
-        ROS_WARN_STREAM("removed " << path << ", left by a capture that was interrupted");
+      if (fs::remove(path, ignored)) ROS_WARN_STREAM("removed " << path << ", left by a capture that was interrupted");
       continue;
     }
     try {
