@@ -23,6 +23,7 @@ RectifierSelector::RectifierSelector(std::shared_ptr<const SettingsFields> field
     throw CalibrationError("the reference setting is given as " + describe(*reference) +
                            ", but the deformation fields lead to " + describe(fields_->reference()) +
                            "; they must belong to one stereo calibration");
+  reference_ = fields_ ? std::optional(fields_->reference()) : given_reference_;
 }
 
 void RectifierSelector::calibrate(const StereoModel& model) {
@@ -61,8 +62,7 @@ std::shared_ptr<const Rectifier> RectifierSelector::at(const std::optional<Micro
 
 std::string RectifierSelector::calibratedSettings() const {
   if (fields_) return fields_->left.calibratedRange();
-  if (reference_) return describe(*reference_);
-  return given_reference_ ? describe(*given_reference_) : "the first setting that is reported";
+  return reference_ ? describe(*reference_) : "the first setting that is reported";
 }
 
 }  // namespace cortshift_stereo

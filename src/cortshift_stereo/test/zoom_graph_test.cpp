@@ -216,7 +216,7 @@ TEST(MultiFrame, whatCannotBeHadIsRefused) {
   service.request.patience = ros::Duration(0.3);
   ASSERT_TRUE(ros::service::call("/surface_reconstruction/average_pairs", service));
   EXPECT_FALSE(service.response.success);
-  EXPECT_NE(service.response.message.find("Only 0 of 2 pairs"), std::string::npos) << service.response.message;
+  EXPECT_NE(service.response.message.find("only 0 of 2 pairs"), std::string::npos) << service.response.message;
 }
 
 }  // namespace

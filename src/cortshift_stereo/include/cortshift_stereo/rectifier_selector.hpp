@@ -22,7 +22,9 @@ class RectifierSelector {
 
   /// From now on this calibration holds. @throws CalibrationError; then none holds
   void calibrate(const StereoModel& model);
-  bool calibrated() const { return model_.has_value(); }
+
+  /// Setting of that calibration; nothing where it is not known yet.
+  const std::optional<MicroscopeSetting>& reference() const { return reference_; }
 
   /// @param setting  of the microscope; nothing: it does not report any and stands at the reference
   /// @throws PairError "settings" where that setting is not calibrated; CalibrationError

@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <type_traits>
 
 #include "cortshift_stereo/point_transform.hpp"
@@ -27,19 +26,6 @@ std::string text(const ros::Time& stamp) {
 }
 
 double now() { return ros::WallTime::now().toSec(); }
-
-bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
-  sensor_msgs::CameraInfo other = b;
-  other.header = a.header;
-  return a == other;
-}
-
-std::shared_ptr<const SettingsFields> fieldsOf(const std::string& folder) {
-  if (folder.empty()) return nullptr;
-  return std::make_shared<const SettingsFields>(readSettingsFields(folder));
-}
-
-constexpr std::uint32_t kMostPairs = 64;  // of one mean
 
 }  // namespace
 
@@ -64,9 +50,9 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
       node_(node),
       poses_(parameters.max_pose_gap),
       synchroniser_(std::llround(1e9 * parameters.sync_tolerance), parameters.pair_timeout),
-      recent_(parameters.average, static_cast<std::size_t>(parameters.average_pairs)),
-      rectifiers_(fieldsOf(parameters.settings_calibration), parameters.referenceSetting(),
-                  parameters.settings_tolerance) {
+      reconstruction_(parameters),
+      collector_(parameters.average) {
+  calibrated_settings_ = reconstruction_.calibratedSettings();
   points_publisher_ = node_.advertise<sensor_msgs::PointCloud2>("surface/points", 2);
   disparity_publisher_ = node_.advertise<stereo_msgs::DisparityImage>("surface/disparity", 2);
   updater_.setHardwareID("none");
@@ -80,8 +66,7 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
   subscribers_.push_back(node_.subscribe<cortshift_msgs::MicroscopeSettings>(
       "microscope/settings", 10, [this](const cortshift_msgs::MicroscopeSettings::ConstPtr& message) {
         const std::lock_guard<std::mutex> lock(input_mutex_);
-        settings_.add(static_cast<std::int64_t>(message->header.stamp.toNSec()),
-                      {message->magnification, message->focal_length});
+        settings_.add(message);
       }));
   unpaired_timer_ =
       node_.createWallTimer(ros::WallDuration(0.1), [this](const ros::WallTimerEvent&) { reportUnpaired(); });
@@ -101,16 +86,12 @@ SurfaceReconstruction::~SurfaceReconstruction() {
     stop_ = true;
   }
   input_arrived_.notify_all();
-  {
-    const std::lock_guard<std::mutex> lock(collection_mutex_);
-    collecting_ends_ = true;
-  }
-  collected_.notify_all();
+  collector_.close();
   service_spinner_->stop();
   worker_.join();
 }
 
-void SurfaceReconstruction::receive(Side side, const ros::Time& stamp, const Image& image) {
+void SurfaceReconstruction::receive(Side side, const ros::Time& stamp, const ImageMessage& image) {
   std::optional<Synchroniser::Pair> overtaken;
   {
     const std::lock_guard<std::mutex> lock(input_mutex_);
@@ -132,7 +113,7 @@ void SurfaceReconstruction::reportUnpaired() {
     unpaired = synchroniser_.takeUnpaired(now());
   }
   for (const Synchroniser::Unpaired& image : unpaired)
-    drop("unsynchronised", ros::Time().fromNSec(static_cast<uint64_t>(image.stamp_ns)), image.message());
+    drop({"unsynchronised", image.message()}, ros::Time().fromNSec(static_cast<uint64_t>(image.stamp_ns)));
 }
 
 void SurfaceReconstruction::work() {
@@ -147,175 +128,90 @@ void SurfaceReconstruction::work() {
     const ros::Time stamp = ros::Time().fromNSec(static_cast<uint64_t>(pair->stamp_ns));
     try {
       process(*pair, stamp);
-    } catch (const PairError& error) {
-      drop(error.reason(), stamp, error.what());
-    } catch (const MessageError& error) {
-      drop("image", stamp, std::string("A message cannot be used: ") + error.what() + ".");
-    } catch (const CalibrationError& error) {
-      drop("calibration", stamp, std::string("The calibration is refused: ") + error.what() + ".");
-    } catch (const PoseError& error) {
-      drop("pose", stamp, std::string("The pose of the camera is not known: ") + error.what() + ".");
     } catch (const std::exception& error) {
-      drop("internal", stamp, std::string("The pair could not be processed: ") + error.what() + ".");
+      drop(dropReason(error), stamp);
     }
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    calibrated_settings_ = reconstruction_.calibratedSettings();
   }
 }
 
 void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::Time& stamp) {
-  const auto decode = [](const Image& image) {
-    return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
+  const auto pose_at = [this](const std::string& target, const std::string& source, const ros::Time& time) {
+    return poses_.lookup(target, source, time, ros::WallDuration(parameters_.pose_timeout));
   };
-  calibrate();
-  const std::optional<MicroscopeSetting> setting = settingAt(stamp);
-  if (setting && parameters_.settings_calibration.empty() && !parameters_.referenceSetting())
-    ROS_WARN_STREAM_ONCE("no reference setting is configured: the first one that is reported, "
-                         << describe(*setting) << ", is taken for that of the calibration in camera_info");
-  const std::shared_ptr<const Rectifier> rectifier = rectifiers_.at(setting);
-  ReconstructionResult result =
-      reconstruct(decode(pair.left), decode(pair.right), *rectifier, parameters_.reconstruction);
-  // Asked for last: the tracker's sample after the stamp has had the time of the reconstruction to arrive.
-  const Eigen::Isometry3d T_pmr_left = poses_.lookup(parameters_.map_frame, parameters_.camera_frame, stamp,
-                                                     ros::WallDuration(parameters_.pose_timeout));
-  if (rectifiers_.at(settingAt(stamp)) != rectifier)
-    throw PairError("settings",
-                    "The microscope's setting at the time of the pair was reported too late: take the pair "
-                    "again.");
-  const PosedFrame frame{pair.stamp_ns,
-                         T_pmr_left,
-                         rectifier,
-                         {result.disparity, result.surface_left.colour, result.surface_left.confidence}};
-  recent_.add(frame);
-  Eigen::Isometry3d T_pmr_surface = T_pmr_left;
-  if (recent_.capacity() > 1) {
-    ViewFrames::Mean mean = recent_.mean();
-    result.disparity = mean.result.disparity;
-    result.surface_left = mean.result.surface_left;
-    T_pmr_surface = mean.T_pmr_left;
+  const PairMessages messages = gather(pair, stamp);
+  const PairSurface surface = reconstruction_(messages, pose_at);
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    if (settings_.at(stamp) != messages.settings)
+      throw PairError("settings",
+                      "The microscope's setting at the time of the pair was reported too late: take the pair "
+                      "again.");
   }
-  points_publisher_.publish(cloudOf(result.surface_left, T_pmr_surface, stamp));
+  std_msgs::Header header;
+  header.stamp = stamp;
+  header.frame_id = parameters_.map_frame;
+  points_publisher_.publish(toPointCloud2(surface.surface_map, header));
   if (disparity_publisher_.getNumSubscribers() > 0) {
-    std_msgs::Header header;
-    header.stamp = stamp;
     header.frame_id = parameters_.camera_frame;
-    disparity_publisher_.publish(
-        toDisparityImage(result.disparity, rectifier->model(), result.quality.search_range, header));
+    disparity_publisher_.publish(toDisparityImage(surface.result.disparity, surface.frame.rectifier->model(),
+                                                  surface.result.quality.search_range, header));
   }
   {
     const std::lock_guard<std::mutex> lock(status_mutex_);
     ++surfaces_published_;
     last_pair_dropped_ = false;
-    last_quality_ = result.quality;
+    last_quality_ = surface.result.quality;
     last_surface_stamp_ = stamp;
-    last_seconds_ = result.seconds;
-    last_averaged_ = recent_.size();
-    last_setting_ = setting ? describe(*setting) : "not reported; taken for the reference";
+    last_seconds_ = surface.result.seconds;
+    last_averaged_ = surface.averaged;
   }
   publishDiagnostics();
-  collect(frame);  // after publishing: who waits for the mean has seen the surface
-}
-
-sensor_msgs::PointCloud2 SurfaceReconstruction::cloudOf(const Surface& surface_left,
-                                                        const Eigen::Isometry3d& T_pmr_left,
-                                                        const ros::Time& stamp) const {
-  Surface surface_pmr = surface_left;
-  surface_pmr.points = transformPoints(T_pmr_left, surface_left.points);
-  std_msgs::Header header;
-  header.stamp = stamp;
-  header.frame_id = parameters_.map_frame;
-  return toPointCloud2(surface_pmr, header);
-}
-
-void SurfaceReconstruction::collect(const PosedFrame& frame) {
-  {
-    const std::lock_guard<std::mutex> lock(collection_mutex_);
-    const ros::Time stamp = ros::Time().fromNSec(static_cast<uint64_t>(frame.stamp_ns));
-    if (!collection_ || stamp < collection_->since || collection_->frames.size() == collection_->frames.capacity())
-      return;
-    collection_->frames.add(frame);
-    collection_->last_stamp = stamp;
-    ++collection_->taken;
-  }
-  collected_.notify_all();
-}
-
-SurfaceReconstruction::Collection SurfaceReconstruction::awaitPairs(
-    const cortshift_msgs::AveragePairs::Request& request) {
-  if (request.pairs < 2 || request.pairs > kMostPairs)
-    throw PairError("request", "A mean of " + std::to_string(request.pairs) +
-                                   " pairs is not possible; allowed is 2 to " + std::to_string(kMostPairs) + ".");
-  ViewTolerance tolerance = parameters_.average;
-  tolerance.age = std::numeric_limits<double>::infinity();  // the request says how long it waits
-  std::unique_lock<std::mutex> lock(collection_mutex_);
-  collection_.emplace(Collection{request.since, ViewFrames(tolerance, request.pairs), 0, {}});
-  for (std::uint64_t taken = 0; collection_->frames.size() < request.pairs; taken = collection_->taken) {
-    const auto patience = std::chrono::duration<double>(request.patience.toSec());
-    const bool woken =
-        collected_.wait_for(lock, patience, [&] { return collecting_ends_ || collection_->taken > taken; });
-    if (woken && !collecting_ends_) continue;
-    const Collection gathered = *std::exchange(collection_, std::nullopt);
-    const std::lock_guard<std::mutex> status_lock(status_mutex_);
-    throw PairError("pairs", "Only " + std::to_string(gathered.frames.size()) + " of " + std::to_string(request.pairs) +
-                                 " pairs of one view were reconstructed, of " + std::to_string(gathered.taken) +
-                                 " in all, when none came any more for " + text(request.patience.toSec()) + " s" +
-                                 (last_pair_dropped_ ? "; the last was dropped: " + last_drop_->message : "."));
-  }
-  return *std::exchange(collection_, std::nullopt);
+  collector_.offer(surface.frame);
 }
 
 bool SurfaceReconstruction::averagePairs(cortshift_msgs::AveragePairs::Request& request,
                                          cortshift_msgs::AveragePairs::Response& response) {
-  const std::lock_guard<std::mutex> one_at_a_time(request_mutex_);
   try {
-    const Collection gathered = awaitPairs(request);
-    const ViewFrames::Mean mean = gathered.frames.mean();
-    response.surface = cloudOf(mean.result.surface_left, mean.T_pmr_left, gathered.last_stamp);
+    const FrameCollector::Gathered gathered =
+        collector_.await(request.pairs, static_cast<std::int64_t>(request.since.toNSec()),
+                         std::chrono::duration<double>(request.patience.toSec()));
+    ViewFrames::Mean mean = gathered.frames.mean();
+    mean.result.surface_left.points = transformPoints(mean.T_pmr_left, mean.result.surface_left.points);
+    std_msgs::Header header;
+    header.stamp.fromNSec(static_cast<uint64_t>(gathered.last_stamp_ns));
+    header.frame_id = parameters_.map_frame;
+    response.surface = toPointCloud2(mean.result.surface_left, header);
     response.success = true;
     response.message = "mean of " + std::to_string(gathered.frames.size()) + " pairs";
-    if (gathered.taken > gathered.frames.size())
-      response.message += "; " + std::to_string(gathered.taken - gathered.frames.size()) +
-                          " more were left out, for the microscope or its setting had moved";
-  } catch (const PairError& error) {
+    if (gathered.offered > gathered.frames.size())
+      response.message += "; " + std::to_string(gathered.offered - gathered.frames.size()) +
+                          " more were left out, as the microscope or its setting had moved";
+  } catch (const CollectionError& error) {
     response.success = false;
     response.message = error.what();
-    ROS_WARN_STREAM("average_pairs refused: " << error.what());
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    if (last_pair_dropped_) response.message += "; the last pair was dropped: " + last_drop_->why.message;
+    ROS_WARN_STREAM("average_pairs refused: " << response.message);
   }
   return true;
 }
 
-void SurfaceReconstruction::calibrate() {
-  sensor_msgs::CameraInfoConstPtr left, right;
-  {
-    std::unique_lock<std::mutex> lock(input_mutex_);
-    const auto deadline =
-        std::chrono::steady_clock::now() + std::chrono::duration<double>(parameters_.calibration_timeout);
-    input_arrived_.wait_until(lock, deadline, [this] { return stop_ || (infos_[0] && infos_[1]); });
-    left = infos_[0];
-    right = infos_[1];
-  }
-  if (!left || !right)
-    throw PairError("camera_info", std::string("No camera_info of the ") + (left ? "right" : "left") +
-                                       " camera has arrived: check that the driver or the bag publishes it.");
-  if (rectifiers_.calibrated() && sameCalibration(*left, *calibrated_infos_[0]) &&
-      sameCalibration(*right, *calibrated_infos_[1]))
-    return;
-  rectifiers_.calibrate(stereoModelFromInfo(*left, *right));
-  calibrated_infos_[0] = left;
-  calibrated_infos_[1] = right;
-  const std::lock_guard<std::mutex> lock(status_mutex_);
-  calibrated_settings_ = rectifiers_.calibratedSettings();
+PairMessages SurfaceReconstruction::gather(const Synchroniser::Pair& pair, const ros::Time& stamp) {
+  std::unique_lock<std::mutex> lock(input_mutex_);
+  const auto deadline =
+      std::chrono::steady_clock::now() + std::chrono::duration<double>(parameters_.calibration_timeout);
+  input_arrived_.wait_until(lock, deadline, [this] { return stop_ || (infos_[0] && infos_[1]); });
+  return {stamp, pair.left, pair.right, infos_[0], infos_[1], settings_.at(stamp)};
 }
 
-std::optional<MicroscopeSetting> SurfaceReconstruction::settingAt(const ros::Time& stamp) {
-  const std::lock_guard<std::mutex> lock(input_mutex_);
-  return settings_.at(static_cast<std::int64_t>(stamp.toNSec()));
-}
-
-void SurfaceReconstruction::drop(const std::string& reason, const ros::Time& stamp, const std::string& message) {
-  ROS_WARN_STREAM("pair at " << text(stamp) << " dropped (" << reason << "): " << message);
+void SurfaceReconstruction::drop(const DropReason& why, const ros::Time& stamp) {
+  ROS_WARN_STREAM("pair at " << text(stamp) << " dropped (" << why.reason << "): " << why.message);
   {
     const std::lock_guard<std::mutex> lock(status_mutex_);
-    ++drops_[reason];
-    last_drop_ = Drop{reason, message, stamp};
+    ++drops_[why.reason];
+    last_drop_ = Drop{why, stamp};
     last_pair_dropped_ = true;
   }
   publishDiagnostics();
@@ -330,12 +226,12 @@ void SurfaceReconstruction::diagnose(diagnostic_updater::DiagnosticStatusWrapper
   using diagnostic_msgs::DiagnosticStatus;
   const std::lock_guard<std::mutex> lock(status_mutex_);
   if (last_pair_dropped_)
-    status.summary(DiagnosticStatus::WARN, last_drop_->message);
+    status.summary(DiagnosticStatus::WARN, last_drop_->why.message);
   else if (surfaces_published_ == 0)
     status.summary(DiagnosticStatus::WARN, "No stereo pair has arrived yet: check the image topics.");
   else
     status.summary(DiagnosticStatus::OK, "The last pair gave a surface.");
-  status.add("last_drop_reason", last_drop_ ? last_drop_->reason + ": " + last_drop_->message : "");
+  status.add("last_drop_reason", last_drop_ ? last_drop_->why.reason + ": " + last_drop_->why.message : "");
   status.add("last_drop_stamp", last_drop_ ? text(last_drop_->stamp) : "");
   status.add("last_surface_stamp", surfaces_published_ > 0 ? text(last_surface_stamp_) : "");
   status.add("pairs_received", pairs_received_);
@@ -345,7 +241,6 @@ void SurfaceReconstruction::diagnose(diagnostic_updater::DiagnosticStatusWrapper
   status.add("calibrated_settings", calibrated_settings_);
   if (!last_quality_) return;
   status.add("averaged_pairs", last_averaged_);
-  status.add("setting", last_setting_);
   status.add("coverage", text(last_quality_->coverage));
   status.add("search_range_px", std::to_string(last_quality_->search_range.start) + " ... " +
                                     std::to_string(last_quality_->search_range.end));

@@ -18,39 +18,14 @@
 #include <string>
 #include <thread>
 
+#include "cortshift_stereo/frame_collector.hpp"
 #include "cortshift_stereo/pair_synchroniser.hpp"
-#include "cortshift_stereo/reconstruction.hpp"
-#include "cortshift_stereo/rectifier_selector.hpp"
+#include "cortshift_stereo/ros/pair_reconstruction.hpp"
 #include "cortshift_stereo/ros/pose_lookup.hpp"
-#include "cortshift_stereo/settings_history.hpp"
-#include "cortshift_stereo/view_frames.hpp"
+#include "cortshift_stereo/ros/settings_history.hpp"
+#include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
 
 namespace cortshift_stereo {
-
-/// Parameters of the node, each default once. Lengths in metres, times in seconds.
-struct SurfaceReconstructionParameters {
-  std::string map_frame = "pmr";              ///< frame of the published points
-  std::string camera_frame = "left_optical";  ///< raw left optical frame
-  double sync_tolerance = 0;                  ///< [s] largest difference of the two stamps of a pair
-  double pair_timeout = 0.5;                  ///< [s] wall time that an image waits for its partner
-  double max_pose_gap = 0.15;                 ///< [s] farthest tracker sample on either side of the pair's stamp
-  double pose_timeout = 1.0;                  ///< [s] wall time to wait for the pose after the pair was matched
-  double calibration_timeout = 1.0;           ///< [s] wall time to wait for camera_info
-  std::string settings_calibration;    ///< folder that calibrate_settings wrote; empty: the reference setting only
-  double reference_magnification = 0;  ///< microscope setting that the calibration belongs to; 0: that of
-                                       ///< settings_calibration, without it the first one seen
-  double reference_focal_length = 0;   ///< [m] the same
-  double settings_tolerance = 0.005;   ///< relative difference that counts as the reference setting
-  int average_pairs = 1;               ///< a surface is the robust mean of up to so many pairs, the newest last
-  ViewTolerance average;               ///< what these pairs may differ by
-  ReconstructionSettings reconstruction;
-
-  /// Empty where it is not known.
-  std::optional<MicroscopeSetting> referenceSetting() const;
-
-  /// @throws ParameterError
-  static SurfaceReconstructionParameters load(const ros::NodeHandle& private_node);
-};
 
 /// Parameters: SurfaceReconstructionParameters, as private parameters of the node.
 /// Subscribes: stereo/{left,right}/image_raw and .../image_raw/compressed, stereo/{left,right}/camera_info,
@@ -71,47 +46,26 @@ class SurfaceReconstruction {
   SurfaceReconstruction& operator=(const SurfaceReconstruction&) = delete;
 
  private:
-  /// One of the two is set.
-  struct Image {
-    sensor_msgs::ImageConstPtr raw;
-    sensor_msgs::CompressedImageConstPtr compressed;
-  };
-  using Synchroniser = PairSynchroniser<Image>;
+  using Synchroniser = PairSynchroniser<ImageMessage>;
   using Side = Synchroniser::Side;
 
   struct Drop {
-    std::string reason;
-    std::string message;
+    DropReason why;
     ros::Time stamp;
-  };
-
-  /// A request for the mean of coming pairs.
-  struct Collection {
-    ros::Time since;
-    ViewFrames frames;
-    std::uint64_t taken = 0;  // pairs, those of another view among them
-    ros::Time last_stamp;
   };
 
   template <typename Message>
   ros::Subscriber subscribe(const std::string& topic, Side side);
-  void receive(Side side, const ros::Time& stamp, const Image& image);
+  void receive(Side side, const ros::Time& stamp, const ImageMessage& image);
   void reportUnpaired();
 
   void work();
   void process(const Synchroniser::Pair& pair, const ros::Time& stamp);
-  void calibrate();
-  /// Of the last report up to that time.
-  std::optional<MicroscopeSetting> settingAt(const ros::Time& stamp);
-  sensor_msgs::PointCloud2 cloudOf(const Surface& surface_left, const Eigen::Isometry3d& T_pmr_left,
-                                   const ros::Time& stamp) const;
-
-  void collect(const PosedFrame& frame);
+  /// Pair and what is known of cameras and microscope by now.
+  PairMessages gather(const Synchroniser::Pair& pair, const ros::Time& stamp);
   bool averagePairs(cortshift_msgs::AveragePairs::Request& request, cortshift_msgs::AveragePairs::Response& response);
-  /// @throws PairError where they do not come
-  Collection awaitPairs(const cortshift_msgs::AveragePairs::Request& request);
 
-  void drop(const std::string& reason, const ros::Time& stamp, const std::string& message);
+  void drop(const DropReason& why, const ros::Time& stamp);
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
   void publishDiagnostics();
 
@@ -127,17 +81,8 @@ class SurfaceReconstruction {
   SettingsHistory settings_;
   bool stop_ = false;
 
-  // Worker thread only.
-  ViewFrames recent_;
-  sensor_msgs::CameraInfoConstPtr calibrated_infos_[2];
-  RectifierSelector rectifiers_;
-
-  // A request for a mean of coming pairs.
-  std::mutex request_mutex_;  // one request at a time
-  std::mutex collection_mutex_;
-  std::condition_variable collected_;
-  std::optional<Collection> collection_;
-  bool collecting_ends_ = false;
+  PairReconstruction reconstruction_;  // worker thread only
+  FrameCollector collector_;
 
   std::mutex status_mutex_;
   uint64_t pairs_received_ = 0;
@@ -150,7 +95,6 @@ class SurfaceReconstruction {
   ros::Time last_surface_stamp_;
   double last_seconds_ = 0;
   std::size_t last_averaged_ = 0;
-  std::string last_setting_;
   std::string calibrated_settings_;
 
   ros::CallbackQueue service_queue_;
