@@ -18,17 +18,17 @@ std::string text(double value) {
   return out;
 }
 
-bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
-  sensor_msgs::CameraInfo other = b;
-  other.header = a.header;
-  return a == other;
-}
-
 cv::Mat decode(const ImageMessage& image) {
   return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
 }
 
 }  // namespace
+
+bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
+  sensor_msgs::CameraInfo other = b;
+  other.header = a.header;
+  return a == other;
+}
 
 DropReason dropReason(const std::exception& error) {
   const std::string what = error.what();

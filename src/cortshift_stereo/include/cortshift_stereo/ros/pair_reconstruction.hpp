@@ -39,6 +39,9 @@ struct PairSurface {
   std::size_t averaged = 1;  ///< pairs that the surface is the mean of
 };
 
+/// Whether the two say the same of the camera, whatever their headers.
+bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b);
+
 /// Why a pair gave no surface: a short fixed word for counting, and a sentence for people.
 struct DropReason {
   std::string reason;
