@@ -1,16 +1,15 @@
 // A recorded case to stages and displacement fields, straight from the bag.
 #include <ros/console.h>
 
-#include <chrono>
-#include <cmath>
 #include <cstdio>
+#include <map>
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/command_line.hpp"
 #include "cortshift_tracking/offline/case_capture.hpp"
 #include "cortshift_tracking/offline/case_output.hpp"
 #include "cortshift_tracking/offline/case_plan.hpp"
+#include "cortshift_tracking/offline/tool_options.hpp"
 
 namespace {
 
@@ -53,21 +52,13 @@ CasePlan planOf(const Options& options) {
     }
     for (const std::string& text : captures) plan.captures.push_back(captureFromText(text));
     for (const std::string& text : shifts) plan.shifts.push_back(shiftFromText(text));
-    if (const auto gravity = options.find("gravity")) plan.gravity_pmr = directionFromText(*gravity);
+    if (const auto gravity = gravityFrom(options)) plan.gravity_pmr = gravity;
     plan.check();
   } catch (const PlanError& error) {
     throw UsageError(error.what());
   }
   return plan;
 }
-
-class Stopwatch {
- public:
-  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count(); }
-
- private:
-  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
-};
 
 /// Runs one step; what it refuses is remembered and the next one gets its chance.
 class Steps {
@@ -101,21 +92,14 @@ class Steps {
 
 void run(const Options& options) {
   const CasePlan plan = planOf(options);
-  const double threads = options.number("threads", -1);
-  if (threads != std::floor(threads) || threads > 64 || (options.find("threads") && threads < 0))
-    throw UsageError("--threads must be a whole number from 0 to 64");
   const std::string folder = options.required("output");
   const Stopwatch watch;
 
-  const auto config = options.find("config");
-  OfflineParameters parameters = OfflineParameters::load(config ? *config : shippedConfiguration().string());
-  if (threads >= 0) parameters.setThreads(static_cast<int>(threads));
+  const OfflineParameters parameters = parametersFrom(options);
   std::map<std::string, std::vector<Region>> regions;
   if (!parameters.tracker.exclusions.empty()) regions = readRegions(parameters.tracker.exclusions);
-  const auto static_tf = options.find("static-tf");
-  const CaseRecording recording(
-      options.required("CASE.bag"), parameters.reconstruction,
-      static_tf ? readStaticTransforms(*static_tf) : std::vector<geometry_msgs::TransformStamped>());
+  const auto opened = recordingFrom(options, parameters);
+  const CaseRecording& recording = *opened;
   for (const std::string& remark : recording.bag().remarks())
     std::fprintf(stderr, "process_bag: %s: %s\n", recording.bag().path().c_str(), remark.c_str());
   const double length = (recording.bag().end() - recording.bag().begin()).toSec();

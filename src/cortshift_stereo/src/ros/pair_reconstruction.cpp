@@ -40,9 +40,13 @@ DropReason dropReason(const std::exception& error) {
   return {"internal", "The pair could not be processed: " + what + "."};
 }
 
-PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseAt& pose_at) {
+void PairReconstruction::check(const PairMessages& pair) {
   prepareRectifier(pair);
   checkSettings(pair);
+}
+
+PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseAt& pose_at) {
+  check(pair);
   PairSurface out;
   out.rectifier = rectifier_;
   out.result = reconstruct(decode(pair.left), decode(pair.right), *rectifier_, parameters_.reconstruction);

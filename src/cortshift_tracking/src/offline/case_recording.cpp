@@ -98,7 +98,15 @@ CaseRecording::CaseRecording(const std::string& path,
                              const cortshift_stereo::SurfaceReconstructionParameters& parameters,
                              const std::vector<geometry_msgs::TransformStamped>& static_tf)
     : parameters_(parameters), bag_(path, topics()), given_statics_(static_tf) {
-  learnStatics(ros::TIME_MAX);
+  for (const BagEntry& entry : bag_.entries({kStatic}, ros::Time(), ros::TIME_MAX))
+    for (const geometry_msgs::TransformStamped& edge : bag_.read<tf2_msgs::TFMessage>(entry)->transforms) {
+      const auto earlier = std::find_if(statics_.rbegin(), statics_.rend(), [&](const Static& other) {
+        return other.edge.child_frame_id == edge.child_frame_id;
+      });
+      if (earlier == statics_.rend() || earlier->edge.header.frame_id != edge.header.frame_id ||
+          earlier->edge.transform != edge.transform)
+        statics_.push_back({entry.time, edge});
+    }
   for (const auto& given : given_statics_)
     for (const Static& recorded : statics_)
       if (cortshift_stereo::withoutSlash(recorded.edge.child_frame_id) ==
@@ -144,12 +152,14 @@ PairMessages CaseRecording::read(const PairPlace& pair) const {
       out.raw = bag_.read<sensor_msgs::Image>(entry);
     return out;
   };
-  return {pair.stamp,
-          image(pair.left),
-          image(pair.right),
-          infoOf(kLeft + kInfo, pair),
-          infoOf(kRight + kInfo, pair),
-          settingsAt(pair.arrival)};
+  PairMessages out = known(pair);
+  out.left = image(pair.left);
+  out.right = image(pair.right);
+  return out;
+}
+
+PairMessages CaseRecording::known(const PairPlace& pair) const {
+  return {pair.stamp, {}, {}, infoOf(kLeft + kInfo, pair), infoOf(kRight + kInfo, pair), settingsAt(pair.arrival)};
 }
 
 sensor_msgs::CameraInfoConstPtr CaseRecording::infoOf(const std::string& topic, const PairPlace& pair) const {
@@ -206,21 +216,6 @@ std::optional<cortshift_stereo::MicroscopeSetting> CaseRecording::referenceSetti
   }
   if (!settings) return std::nullopt;
   return cortshift_stereo::MicroscopeSetting{settings->magnification, settings->focal_length};
-}
-
-void CaseRecording::learnStatics(const ros::Time& until) const {
-  if (statics_until_ >= until) return;
-  for (const BagEntry& entry : bag_.entries({kStatic}, ros::Time(), until))
-    for (const geometry_msgs::TransformStamped& edge : bag_.read<tf2_msgs::TFMessage>(entry)->transforms) {
-      const auto earlier = std::find_if(statics_.rbegin(), statics_.rend(), [&](const Static& other) {
-        return other.edge.child_frame_id == edge.child_frame_id;
-      });
-      if (earlier != statics_.rend() && earlier->edge.header.frame_id == edge.header.frame_id &&
-          earlier->edge.transform == edge.transform)
-        continue;
-      statics_.push_back({entry.time, edge});
-    }
-  statics_until_ = until;
 }
 
 cortshift_stereo::TransformTree CaseRecording::transforms(const ros::Time& from, const ros::Time& to,

@@ -59,6 +59,9 @@ class PairReconstruction {
   /// @throws PairError, MessageError, CalibrationError, PoseError; see dropReason
   PairSurface operator()(const PairMessages& pair, const PoseAt& pose_at);
 
+  /// Calibration and settings alone; the images may be missing. @throws PairError, CalibrationError
+  void check(const PairMessages& pair);
+
  private:
   struct PastFrame {
     ros::Time stamp;

@@ -39,6 +39,9 @@ class CaseRecording {
   /// The first pair of the recording's first minute.
   std::optional<PairPlace> firstPair() const;
 
+  /// What a node would have known of calibration and settings by then; without the images.
+  cortshift_stereo::PairMessages known(const PairPlace& pair) const;
+
   /// The pair with the calibration and the settings that a node would have known by then.
   cortshift_stereo::PairMessages read(const PairPlace& pair) const;
 
@@ -56,7 +59,6 @@ class CaseRecording {
 
  private:
   cortshift_stereo::TransformTree transforms(const ros::Time& from, const ros::Time& to, double max_pose_gap) const;
-  void learnStatics(const ros::Time& until) const;
   sensor_msgs::CameraInfoConstPtr infoOf(const std::string& topic, const PairPlace& pair) const;
   cortshift_msgs::MicroscopeSettingsConstPtr settingsAt(const ros::Time& time) const;
   ros::Time calibratedSince(const std::string& topic, const sensor_msgs::CameraInfo& info,
@@ -70,8 +72,7 @@ class CaseRecording {
     ros::Time time;  // when it was recorded
     geometry_msgs::TransformStamped edge;
   };
-  mutable std::vector<Static> statics_;  // each change once
-  mutable ros::Time statics_until_;
+  std::vector<Static> statics_;  // each change once
 };
 
 /// `time` by so many seconds later or, with negative ones, earlier; never before 0.
