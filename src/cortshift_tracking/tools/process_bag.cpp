@@ -141,7 +141,7 @@ void run(const Options& options) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  ros::console::set_logger_level(ROSCONSOLE_DEFAULT_NAME, ros::console::levels::Warn);
+  ros::console::set_logger_level(ROSCONSOLE_ROOT_LOGGER_NAME, ros::console::levels::Warn);
   return cortshift_stereo::runTool(argc, argv, kHelp, {"output", "plan", "config", "static-tf", "gravity", "threads"},
                                    run, {"CASE.bag"}, {"capture", "shift"});
 }

@@ -138,6 +138,6 @@ void run(const Options& options) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  ros::console::set_logger_level(ROSCONSOLE_DEFAULT_NAME, ros::console::levels::Error);
+  ros::console::set_logger_level(ROSCONSOLE_ROOT_LOGGER_NAME, ros::console::levels::Warn);
   return cortshift_stereo::runTool(argc, argv, kHelp, {"output", "config", "gravity", "threads"}, run, {"CASE_DIR"});
 }

@@ -141,9 +141,10 @@ CaseCheck checkCase(const CaseRecording& recording, const cortshift_stereo::Surf
     const ros::Time to = std::min(shifted(from, kSlice), bag.end());
     const ros::Time next = from + ros::Duration(0, 1);  // slices do not share a message
     offsetsIn(bag, next, to, out.image_offsets);
-    for (const BagEntry& entry : bag.entries({"/tf"}, next, to))
-      for (const auto& sample : bag.read<tf2_msgs::TFMessage>(entry)->transforms)
-        addSample(sample, bag.begin(), parameters.max_pose_gap, out.edges);
+    for (const BagEntry& entry : bag.entries({"/tf"}, next, to)) {
+      const tf2_msgs::TFMessageConstPtr message = bag.read<tf2_msgs::TFMessage>(entry);
+      for (const auto& sample : message->transforms) addSample(sample, bag.begin(), parameters.max_pose_gap, out.edges);
+    }
     for (const PairPlace& place : recording.pairs(from, to)) {
       if (out.pairs.empty()) checkCalibration(recording, place, parameters, out);
       const double seconds = (place.arrival - bag.begin()).toSec();

@@ -98,8 +98,9 @@ CaseRecording::CaseRecording(const std::string& path,
                              const cortshift_stereo::SurfaceReconstructionParameters& parameters,
                              const std::vector<geometry_msgs::TransformStamped>& static_tf)
     : parameters_(parameters), bag_(path, topics()), given_statics_(static_tf) {
-  for (const BagEntry& entry : bag_.entries({kStatic}, ros::Time(), ros::TIME_MAX))
-    for (const geometry_msgs::TransformStamped& edge : bag_.read<tf2_msgs::TFMessage>(entry)->transforms) {
+  for (const BagEntry& entry : bag_.entries({kStatic}, ros::Time(), ros::TIME_MAX)) {
+    const tf2_msgs::TFMessageConstPtr message = bag_.read<tf2_msgs::TFMessage>(entry);
+    for (const geometry_msgs::TransformStamped& edge : message->transforms) {
       const auto earlier = std::find_if(statics_.rbegin(), statics_.rend(), [&](const Static& other) {
         return other.edge.child_frame_id == edge.child_frame_id;
       });
@@ -107,6 +108,7 @@ CaseRecording::CaseRecording(const std::string& path,
           earlier->edge.transform != edge.transform)
         statics_.push_back({entry.time, edge});
     }
+  }
   for (const auto& given : given_statics_)
     for (const Static& recorded : statics_)
       if (cortshift_stereo::withoutSlash(recorded.edge.child_frame_id) ==
