@@ -19,6 +19,14 @@ void validateCamera(const CameraModel& camera, const std::string& side) {
   if (!(cv::norm(gap) < kRotationTolerance) || !(cv::determinant(camera.R) > 0))
     throw CalibrationError(side + " camera_info: R is not a rotation (|R R' - 1| = " + std::to_string(cv::norm(gap)) +
                            ", det = " + std::to_string(cv::determinant(camera.R)) + "); calibrate again");
+  for (const double d : camera.D)
+    if (!std::isfinite(d)) throw CalibrationError(side + " camera_info: D is not finite; calibrate again");
+  for (const double c : {camera.K(0, 2), camera.K(1, 2), camera.P(0, 2), camera.P(1, 2)})
+    if (!std::isfinite(c))
+      throw CalibrationError(side + " camera_info: a principal point in K or P is not finite; calibrate again");
+  const cv::Matx34d& P = camera.P;
+  if (P(0, 1) != 0 || P(1, 0) != 0 || P(1, 3) != 0 || P(2, 0) != 0 || P(2, 1) != 0 || P(2, 2) != 1 || P(2, 3) != 0)
+    throw CalibrationError(side + " camera_info: P is not [fx 0 cx Tx; 0 fy cy 0; 0 0 1 0], as of a horizontal pair");
 }
 
 }  // namespace
@@ -34,10 +42,14 @@ void StereoModel::validate() const {
       std::abs(left.P(1, 1) - right.P(1, 1)) > kFocalTolerance * left.P(1, 1) ||
       std::abs(left.P(1, 2) - right.P(1, 2)) > kFocalTolerance * left.P(1, 1))
     throw CalibrationError("camera_info: left and right P differ in fx, fy or cy; they are not of one rectified pair");
-  constexpr double kLongestBaseline = 1.0;  // [m]
-  if (!(baseline() > 0) || baseline() > kLongestBaseline)
+  if (left.P(0, 3) != 0)
+    throw CalibrationError("camera_info: P[3] of the left camera is " + std::to_string(left.P(0, 3)) +
+                           ", but must be 0 (are left and right swapped?)");
+  constexpr double kShortestBaseline = 0.001, kLongestBaseline = 1.0;  // [m]
+  if (!(baseline() >= kShortestBaseline) || baseline() > kLongestBaseline)
     throw CalibrationError("camera_info: the baseline -P[3]/fx of the right camera is " + std::to_string(baseline()) +
-                           " m; it must be positive and below 1 m (are left and right swapped, or is P[3] missing?)");
+                           " m; plausible is 0.001 ... 1 m (are left and right swapped, is P[3] missing, or is it not "
+                           "in px m?)");
 }
 
 }  // namespace cortshift_stereo

@@ -67,7 +67,7 @@ class ReplayIndependent(unittest.TestCase):
 
     def test_missing_poses_are_named(self):
         player = self.play(start=START + 1000, stages=('before',), tracked=False)
-        player.wait_for(START + 1003)
+        player.wait_for(START + 1002.7)
         answer = self.tracker.capture_stage('untracked', '')
         self.assertFalse(answer.success)
         self.assertIn('untracked', answer.message)
@@ -75,7 +75,7 @@ class ReplayIndependent(unittest.TestCase):
 
     def test_unsynchronised_pairs_are_named(self):
         player = self.play(start=START + 2000, stages=('before',), right_delay=0.012)
-        player.wait_for(START + 2003)
+        player.wait_for(START + 2002.7)
         answer = self.tracker.capture_stage('unsynchronised', '')
         self.assertFalse(answer.success)
         self.assertIn('synchronis', answer.message)

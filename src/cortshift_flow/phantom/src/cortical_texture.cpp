@@ -170,13 +170,22 @@ double CorticalTexture::tissueNoise(double x, double y) const {
 }
 
 cv::Vec3f CorticalTexture::colour(double x, double y) const {
+  double gx, gy;
+  const double g = gyralField(x, y, &gx, &gy);
+  return paint(x, y, std::exp(-g * g / (2 * kSulcusWidth * kSulcusWidth)));
+}
+
+cv::Vec3f CorticalTexture::colour(double x, double y, const Relief& relief) const {
+  if (settings_.sulcus_depth <= 0) return colour(x, y);
+  return paint(x, y, -relief.height / settings_.sulcus_depth);
+}
+
+/// @param valley 0 on the crowns, 1 at the bottom of a sulcus
+cv::Vec3f CorticalTexture::paint(double x, double y, double valley) const {
   static const cv::Vec3d kCrown(0.56, 0.60, 0.80), kSulcus(0.40, 0.38, 0.62);
   static const cv::Vec3d kVein(0.24, 0.12, 0.33), kArtery(0.16, 0.14, 0.66);
 
-  double gx, gy;
-  const double g = gyralField(x, y, &gx, &gy);
-  const double depth = std::exp(-g * g / (2 * kSulcusWidth * kSulcusWidth));
-  cv::Vec3d colour = blend(kCrown, kSulcus, 0.55 * depth);
+  cv::Vec3d colour = blend(kCrown, kSulcus, 0.55 * valley);
   const double noise = tissueNoise(x, y);
   colour += cv::Vec3d(0.085, 0.085, 0.065) * noise;
 

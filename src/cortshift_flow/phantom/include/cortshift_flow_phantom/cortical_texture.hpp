@@ -30,6 +30,9 @@ class CorticalTexture {
   /// Colour at material point (x, y) [m]: blue, green, red, each 0...1.
   cv::Vec3f colour(double x, double y) const;
 
+  /// The same where relief(x, y) is known already, in about half the time.
+  cv::Vec3f colour(double x, double y, const Relief& relief) const;
+
   /// Gyral relief at (x, y) [m].
   Relief relief(double x, double y) const;
 
@@ -46,6 +49,7 @@ class CorticalTexture {
   void growVessel(double x, double y, double heading, double radius, bool vein, int generation);
   void indexSegments();
   double gyralField(double x, double y, double* dx, double* dy) const;
+  cv::Vec3f paint(double x, double y, double valley) const;
   double tissueNoise(double x, double y) const;
 
   Settings settings_;

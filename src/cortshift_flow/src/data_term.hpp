@@ -1,0 +1,43 @@
+// The data term of Ji et al. 2014, Eq. (3), linearised about the present flow.
+#pragma once
+
+#include <opencv2/core.hpp>
+
+#include "plane.hpp"
+#include "spline.hpp"
+
+namespace cortshift_flow {
+
+/// Motion tensor per pixel, summed over the channels: with r_c the residual I2_c(x + w0) - I1_c(x) and g_c the
+/// gradient of I2_c there, xx = sum g_x^2, xy = sum g_x g_y, yy = sum g_y^2, xt = sum g_x r, yt = sum g_y r and
+/// tt = sum r^2. The squared norm in Eq. (3) at w0 + dw is then tt + 2 dw.(xt, yt) + dw' [xx xy; xy yy] dw.
+/// All zero where the second image is not seen.
+struct MotionTensor {
+  Plane xx, xy, yy, xt, yt, tt;
+  void create(cv::Size size) {
+    for (Plane* plane : {&xx, &xy, &yy, &xt, &yt, &tt})
+      if (plane->size() != size) plane->create(size.height, size.width);
+  }
+};
+
+/// What the data term compares. Excluded pixels are 0 in the validity masks (CV_8UC1; empty: all valid); the
+/// second's mask excludes every point whose interpolation would touch an excluded pixel.
+struct ImagePair {
+  cv::Mat4f first;
+  SplineImage second;
+  cv::Mat1b first_valid, second_valid;
+};
+
+/// One row of a motion tensor.
+struct TensorRow {
+  float *xx, *xy, *yy, *xt, *yt, *tt;
+};
+
+/// Row y about the flow (u, v) of that row. Each channel's square is multiplied by its weight.
+void lineariseRow(const ImagePair& images, int y, const float* u, const float* v, const cv::Vec4f& channel_weights,
+                  const TensorRow& out);
+
+void linearise(const ImagePair& images, const Plane& u, const Plane& v, const cv::Vec4f& channel_weights,
+               MotionTensor& tensor, int threads);
+
+}  // namespace cortshift_flow

@@ -1,0 +1,15 @@
+// Large corrections that no linearisation finds: pixels try the flow of their surroundings.
+#pragma once
+
+#include "coarse_to_fine.hpp"
+
+namespace cortshift_flow {
+
+/// Where windows mismatch by more than `mismatch` per pixel, each pixel tries the flow found `reach` pixels away in
+/// eight directions, as it is and extrapolated linearly, and takes it where a window about the pixel then matches
+/// clearly better. So a motion found in the middle of a moving region spreads to its boundary.
+/// @param mismatch  [intensity, 0...1, summed over the channels]
+void exchangeFlow(const Level& level, const std::vector<int>& reaches, int window, float mismatch, FlowPlanes& flow,
+                  int threads);
+
+}  // namespace cortshift_flow

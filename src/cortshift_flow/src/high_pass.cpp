@@ -1,0 +1,22 @@
+#include "high_pass.hpp"
+
+#include <opencv2/imgproc.hpp>
+
+namespace cortshift_flow {
+namespace {
+
+constexpr double kSigma = 2;  // [px of the level]
+
+cv::Mat4f withoutSlow(const cv::Mat4f& image) {
+  cv::Mat low;
+  cv::GaussianBlur(image, low, cv::Size(), kSigma);
+  return image - low;
+}
+
+}  // namespace
+
+Level highPass(const Level& level) {
+  return {withoutSlow(level.first), withoutSlow(level.second), level.first_valid, level.second_valid};
+}
+
+}  // namespace cortshift_flow

@@ -1,0 +1,11 @@
+// What is left of an image without its slow variations; neither offset nor vignetting changes it much.
+#pragma once
+
+#include "coarse_to_fine.hpp"
+
+namespace cortshift_flow {
+
+/// Both images less their low-pass of a few pixels.
+Level highPass(const Level& level);
+
+}  // namespace cortshift_flow

@@ -1,0 +1,19 @@
+// How differently two images look under a flow: enough to tell right from wrong, not to measure.
+#pragma once
+
+#include "coarse_to_fine.hpp"
+
+namespace cortshift_flow {
+
+/// A pixel's mismatch saturates here [intensity, 0...1, summed over the channels].
+constexpr float kLargestMismatch = 0.12f;
+/// Of a pixel whose match lies outside the second image or is excluded.
+constexpr float kUnseen = 0.6f * kLargestMismatch;
+
+/// Mismatch of pixels x0...x0 + count - 1 of row y under a flow; bilinear interpolation.
+void mismatchRow(const Level& level, int x0, int y, const float* u, const float* v, float* out, int count);
+
+/// Mean mismatch of the square window of half width `window` about each pixel.
+Plane windowMismatch(const Level& level, const FlowPlanes& flow, int window, int threads);
+
+}  // namespace cortshift_flow

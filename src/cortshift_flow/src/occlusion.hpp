@@ -1,0 +1,25 @@
+// What the first image shows and the second does not, and how its flow is continued.
+#pragma once
+
+#include "coarse_to_fine.hpp"
+
+namespace cortshift_flow {
+
+/// 1 where some pixel of the second image flows back to (CV_8UC1). What no pixel comes from has been covered, or has
+/// left the image.
+cv::Mat1b coveredBy(const FlowPlanes& backward);
+
+/// 1 where a window about the pixel looks the same at both ends of its flow.
+/// @param mismatch  largest mean mismatch [intensity, 0...1, summed over the channels]
+cv::Mat1b matched(const Level& level, const FlowPlanes& flow, int window, float mismatch, int threads);
+
+/// Median over the image of the mean mismatch of windows.
+float typicalMismatch(const Level& level, const FlowPlanes& flow, int window, int threads);
+
+/// Replaces the flow where `visible` is 0 by a linear continuation of the visible flow on one side. At a boundary
+/// between two motions the covered strip belongs to one of them; motion alone cannot say to which, so the side whose
+/// colour it shares has it, and where colours do not differ the one that moves more: tissue slides under the edge of
+/// a craniotomy, a retractor or a pad, which rest.
+void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, FlowPlanes& flow, int threads);
+
+}  // namespace cortshift_flow

@@ -1,0 +1,129 @@
+#include <cmath>
+#include <functional>
+#include <opencv2/core.hpp>
+#include <sstream>
+#include <stdexcept>
+
+#include "cortshift_flow/flow.hpp"
+
+namespace cortshift_flow {
+namespace {
+
+/// One numeric setting: where it is kept and what it may be.
+struct Entry {
+  const char* name;
+  int FlowSettings::* integer;
+  double FlowSettings::* real;
+  double low, high;
+};
+
+const std::vector<Entry>& entries() {
+  static const std::vector<Entry> all = {
+      {"threads", &FlowSettings::threads, nullptr, 0, 256},
+      {"alpha", nullptr, &FlowSettings::alpha, 1e-6, 100},
+      {"epsilon", nullptr, &FlowSettings::epsilon, 1e-6, 1},
+      {"outer_iterations", &FlowSettings::outer_iterations, nullptr, 1, 100},
+      {"inner_iterations", &FlowSettings::inner_iterations, nullptr, 1, 100},
+      {"solver_iterations", &FlowSettings::solver_iterations, nullptr, 1, 1000},
+      {"curvature", nullptr, &FlowSettings::curvature, 1e-6, 10},
+      {"half_polish_iterations", &FlowSettings::half_polish_iterations, nullptr, 0, 100},
+      {"full_polish_iterations", &FlowSettings::full_polish_iterations, nullptr, 1, 100},
+      {"search_range", nullptr, &FlowSettings::search_range, 0.01, 0.5},
+  };
+  return all;
+}
+
+double valueOf(const FlowSettings& settings, const Entry& entry) {
+  return entry.integer ? settings.*entry.integer : settings.*entry.real;
+}
+
+[[noreturn]] void refuse(const std::string& name, const std::string& value, const std::string& allowed) {
+  throw std::invalid_argument(name + " = " + value + " is not allowed; " + allowed + " is");
+}
+
+std::string text(double value) {
+  std::ostringstream out;
+  out << value;
+  return out.str();
+}
+
+void readEntry(const cv::FileNode& node, const Entry& entry, FlowSettings& settings) {
+  if (entry.integer) {
+    if (!node.isInt()) throw std::invalid_argument(std::string(entry.name) + " is not a whole number");
+    settings.*entry.integer = static_cast<int>(node);
+    return;
+  }
+  if (!node.isInt() && !node.isReal()) throw std::invalid_argument(std::string(entry.name) + " is not a number");
+  settings.*entry.real = static_cast<double>(node);
+}
+
+void readKey(const cv::FileNode& node, FlowSettings& settings) {
+  if (node.name() == "preset") return;
+  for (const Entry& entry : entries())
+    if (node.name() == entry.name) {
+      readEntry(node, entry, settings);
+      return;
+    }
+  std::string known = "preset";
+  for (const Entry& entry : entries()) known += std::string(", ") + entry.name;
+  throw std::invalid_argument("unknown setting '" + node.name() + "'; known are " + known);
+}
+
+}  // namespace
+
+std::vector<std::string> FlowSettings::presetNames() { return {"default", "fast", "ji2014"}; }
+
+FlowSettings FlowSettings::preset(const std::string& name) {
+  FlowSettings settings;
+  if (name == "default") return settings;
+  if (name == "fast") {
+    settings.half_polish_iterations = 3;
+    settings.full_polish_iterations = 1;
+    return settings;
+  }
+  if (name == "ji2014") {
+    settings.method = Method::kVariational;
+    settings.alpha = 0.02;
+    settings.outer_iterations = 7;
+    settings.inner_iterations = 1;
+    settings.solver_iterations = 30;
+    return settings;
+  }
+  std::string known;
+  for (const std::string& preset : presetNames()) known += (known.empty() ? "" : ", ") + preset;
+  refuse("preset", "'" + name + "'", "one of " + known);
+}
+
+void FlowSettings::validate() const {
+  for (const Entry& entry : entries()) {
+    const double value = valueOf(*this, entry);
+    if (!(value >= entry.low && value <= entry.high))
+      refuse(entry.name, text(value), text(entry.low) + "..." + text(entry.high));
+  }
+}
+
+FlowSettings readSettings(const std::string& path) {
+  cv::FileStorage file;
+  try {
+    if (!file.open(path, cv::FileStorage::READ)) throw std::runtime_error("cannot read " + path);
+  } catch (const cv::Exception& error) {
+    throw std::invalid_argument(path + " is not YAML: " + error.err);
+  }
+  const cv::FileNode root = file.root();
+  try {
+    FlowSettings settings;
+    if (!root.empty() && !root.isMap()) throw std::invalid_argument("keys and values are expected");
+    const cv::FileNode preset = root["preset"];
+    if (!preset.empty()) {
+      if (!preset.isString()) throw std::invalid_argument("preset is not a name");
+      settings = FlowSettings::preset(static_cast<std::string>(preset));
+    }
+    for (const cv::FileNode& node : root) readKey(node, settings);
+    settings.validate();
+    return settings;
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(path + ": " + error.what());
+  }
+}
+
+}  // namespace cortshift_flow

@@ -1,0 +1,91 @@
+#include "spline_grid.hpp"
+
+#include <algorithm>
+
+#include "parallel.hpp"
+#include "spline.hpp"
+
+namespace cortshift_flow {
+namespace {
+
+constexpr int kSpacing = SplineGrid::kSpacing;
+
+CORTSHIFT_VECTORISED
+void blendRows(const float* a, const float* b, const float* c, const float* d, const float* w, float* out, int count) {
+  for (int i = 0; i < count; ++i) out[i] = (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]);
+}
+
+CORTSHIFT_VECTORISED
+void expandRow(const float* nodes, const SplineGrid::Weights& weights, float* out, int cells) {
+  for (int j = 0; j < cells; ++j)
+    for (int p = 0; p < kSpacing; ++p)
+      out[kSpacing * j + p] = (weights[p][0] * nodes[j] + weights[p][1] * nodes[j + 1]) +
+                              (weights[p][2] * nodes[j + 2] + weights[p][3] * nodes[j + 3]);
+}
+
+CORTSHIFT_VECTORISED
+void addWeighted(const float* in, float weight, float* out, int count) {
+  for (int i = 0; i < count; ++i) out[i] += weight * in[i];
+}
+
+}  // namespace
+
+const SplineGrid::Weights& SplineGrid::weights() {
+  static const Weights table = [] {
+    Weights w{};
+    std::array<float, 4> derivative{};
+    for (int p = 0; p < kSpacing; ++p)
+      splineWeights(static_cast<float>(p) / kSpacing, w[static_cast<std::size_t>(p)].data(), derivative.data());
+    return w;
+  }();
+  return table;
+}
+
+void evaluateSplineRow(const Plane& nodes, int y, float* scratch, float* out, int width) {
+  const int j = y / kSpacing;
+  const SplineGrid::Weights& weights = SplineGrid::weights();
+  blendRows(nodes.row(j), nodes.row(j + 1), nodes.row(j + 2), nodes.row(j + 3),
+            weights[static_cast<std::size_t>(y % kSpacing)].data(), scratch, nodes.width());
+  const int cells = width / kSpacing;
+  expandRow(scratch, weights, out, cells);
+  for (int x = kSpacing * cells; x < width; ++x) {
+    const auto& w = weights[static_cast<std::size_t>(x % kSpacing)];
+    out[x] = (w[0] * scratch[cells] + w[1] * scratch[cells + 1]) + (w[2] * scratch[cells + 2] + w[3] * scratch[cells + 3]);
+  }
+}
+
+void reduceRow(const float* pixels, int width, float* nodes, int node_columns) {
+  const SplineGrid::Weights& weights = SplineGrid::weights();
+  std::fill(nodes, nodes + node_columns, 0.f);
+  const int cells = (width + kSpacing - 1) / kSpacing;
+  for (int j = 0; j < cells; ++j) {
+    const int count = std::min(kSpacing, width - kSpacing * j);
+    float a = 0, b = 0, c = 0, d = 0;
+    for (int p = 0; p < count; ++p) {
+      const float value = pixels[kSpacing * j + p];
+      const auto& w = weights[static_cast<std::size_t>(p)];
+      a += w[0] * value;
+      b += w[1] * value;
+      c += w[2] * value;
+      d += w[3] * value;
+    }
+    nodes[j] += a;
+    nodes[j + 1] += b;
+    nodes[j + 2] += c;
+    nodes[j + 3] += d;
+  }
+}
+
+void reduceColumn(const Plane& reduced, int j, float* out) {
+  const SplineGrid::Weights& weights = SplineGrid::weights();
+  std::fill(out, out + reduced.width(), 0.f);
+  for (int k = 3; k >= 0; --k)
+    for (int p = 0; p < kSpacing; ++p) {
+      const int y = kSpacing * (j - k) + p;
+      if (y < 0 || y >= reduced.height()) continue;
+      addWeighted(reduced.row(y), weights[static_cast<std::size_t>(p)][static_cast<std::size_t>(k)], out,
+                  reduced.width());
+    }
+}
+
+}  // namespace cortshift_flow

@@ -1,0 +1,30 @@
+// The YAML files of ROS's camera_info (the layout of camera_calibration_parsers), without ROS.
+#pragma once
+
+#include <string>
+
+#include "cortshift_stereo/camera_model.hpp"
+
+namespace cortshift_stereo {
+
+/// One camera as its file has it.
+struct NamedCamera {
+  std::string name;  ///< camera_name
+  CameraModel model;
+};
+
+/// Read one camera.
+/// @throws CalibrationError naming the file, what is wrong in it and the remedy: no such file, not YAML, a key missing,
+///         a matrix of another shape, a number that is not finite, or a distortion model other than plumb_bob.
+NamedCamera readCameraInfoYaml(const std::string& path);
+
+/// Read both cameras of one calibration and check that they can be true (StereoModel::validate).
+/// @throws CalibrationError as above, naming both files where they do not belong together.
+StereoModel readStereoModelYaml(const std::string& left_path, const std::string& right_path);
+
+/// Write one camera so that every number reads back exactly.
+/// @param remarks  lines for people (date, board, errors), written as comments at the top; may be empty
+/// @throws CalibrationError if the file cannot be written.
+void writeCameraInfoYaml(const std::string& path, const NamedCamera& camera, const std::string& remarks = {});
+
+}  // namespace cortshift_stereo

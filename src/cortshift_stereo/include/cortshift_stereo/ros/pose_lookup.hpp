@@ -1,0 +1,52 @@
+// tf at an exact stamp: waits for the tracker's next sample, interpolates, or says what is missing.
+#pragma once
+
+#include <ros/callback_queue.h>
+#include <ros/ros.h>
+#include <tf2_msgs/TFMessage.h>
+
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "cortshift_stereo/transform_tree.hpp"
+
+namespace cortshift_stereo {
+
+/// Listens to /tf and /tf_static on a thread of its own.
+///
+/// A clock that jumps back (a bag that starts again) makes it forget all samples. Frames may be spelt with or without
+/// a leading slash. Thread-safe.
+class PoseLookup {
+ public:
+  /// @param max_pose_gap  [s] farthest tracker sample on either side of a stamp
+  /// @param history       [s] how long samples are kept
+  explicit PoseLookup(double max_pose_gap, double history = 60.0);
+  ~PoseLookup();
+
+  PoseLookup(const PoseLookup&) = delete;
+  PoseLookup& operator=(const PoseLookup&) = delete;
+
+  /// T_target_source at `stamp`. Waits up to `wall_timeout` (also under a stopped simulated clock) for samples that
+  /// may still be under way; a reason that cannot heal is thrown at once.
+  /// @throws PoseError naming the edge or frame and the reason
+  Eigen::Isometry3d lookup(const std::string& target, const std::string& source, const ros::Time& stamp,
+                           ros::WallDuration wall_timeout) const;
+
+ private:
+  void add(const tf2_msgs::TFMessage& message, bool fixed);
+
+  mutable std::mutex mutex_;
+  mutable std::condition_variable arrived_;
+  TransformTree tree_;
+  ros::Time last_now_;
+
+  ros::CallbackQueue queue_;
+  ros::NodeHandle node_;
+  ros::Subscriber moving_;
+  ros::Subscriber fixed_;
+  std::unique_ptr<ros::AsyncSpinner> spinner_;
+};
+
+}  // namespace cortshift_stereo

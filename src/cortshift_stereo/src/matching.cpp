@@ -1,0 +1,103 @@
+#include "cortshift_stereo/matching.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+#include <vector>
+
+namespace cortshift_stereo {
+namespace {
+
+constexpr int kStep = 16;  // what OpenCV's matcher counts disparities in
+
+int roundUp(int length) { return (length + kStep - 1) / kStep * kStep; }
+
+}  // namespace
+
+cv::Mat matchSemiGlobal(const cv::Mat& left, const cv::Mat& right, const SearchRange& range) {
+  CV_Assert(left.type() == CV_8UC1 && right.type() == CV_8UC1 && left.size() == right.size());
+  CV_Assert(range.size() > 0 && range.size() % kStep == 0);
+  const cv::Size size = left.size();
+  // OpenCV leaves out the columns left of the highest disparity, seen or not. Shifting the right image by the lowest
+  // disparity and adding a rim as wide as the range keeps every column, and makes negative ranges ordinary ones.
+  const int rim = range.size();
+  const cv::Size canvas(size.width + rim, size.height);
+  cv::Mat left_canvas, right_canvas(canvas, CV_8UC1);
+  cv::copyMakeBorder(left, left_canvas, 0, 0, rim, 0, cv::BORDER_REPLICATE);
+  for (int y = 0; y < size.height; ++y) {
+    const uint8_t* from = right.ptr<uint8_t>(y);
+    uint8_t* to = right_canvas.ptr<uint8_t>(y);
+    for (int x = 0; x < canvas.width; ++x) to[x] = from[std::clamp(x - rim - range.start, 0, size.width - 1)];
+  }
+  constexpr int kBlock = 5, kPenaltySmall = 8 * kBlock * kBlock, kPenaltyLarge = 32 * kBlock * kBlock;
+  constexpr int kPreFilterCap = 31, kUniqueness = 5;
+  const auto matcher = cv::StereoSGBM::create(0, range.size(), kBlock, kPenaltySmall, kPenaltyLarge, 1, kPreFilterCap,
+                                              kUniqueness, 0, 0, cv::StereoSGBM::MODE_SGBM_3WAY);
+  cv::Mat fixed;
+  matcher->compute(left_canvas, right_canvas, fixed);
+  constexpr int kInvalid = -cv::StereoMatcher::DISP_SCALE;
+  const int speckle = std::max(20, static_cast<int>(size.area() / 4000));
+  cv::filterSpeckles(fixed, kInvalid, speckle, cv::StereoMatcher::DISP_SCALE);
+
+  cv::Mat disparity(size, CV_32FC1);
+  for (int y = 0; y < size.height; ++y) {
+    const int16_t* from = fixed.ptr<int16_t>(y) + rim;
+    float* to = disparity.ptr<float>(y);
+    for (int x = 0; x < size.width; ++x) {
+      const float d = static_cast<float>(from[x]) / cv::StereoMatcher::DISP_SCALE + static_cast<float>(range.start);
+      const float partner = static_cast<float>(x) - d;
+      const bool seen = from[x] >= 0 && partner >= 0 && partner <= static_cast<float>(size.width - 1);
+      to[x] = seen ? d : std::numeric_limits<float>::quiet_NaN();
+    }
+  }
+  return disparity;
+}
+
+SearchRange possibleRange(const StereoModel& model, double near, double far) {
+  CV_Assert(near > 0 && far > near);
+  const double f_times_b = model.left.P(0, 0) * model.baseline();
+  const double offset = model.left.P(0, 2) - model.right.P(0, 2);
+  const int width = model.left.size.width;
+  // Further apart than the image is wide the two views share nothing.
+  const int low = std::clamp(static_cast<int>(std::floor(f_times_b / far + offset)), -width, width - 1);
+  const int high = std::clamp(static_cast<int>(std::ceil(f_times_b / near + offset)), low + 1, width);
+  return {low, high};
+}
+
+SearchRange usedRange(const cv::Mat& left, const cv::Mat& right, const StereoModel& model, const SearchRange& possible,
+                      double relief) {
+  const auto margin = [&](double disparity) {  // [px] of `relief` at the depth of `disparity`
+    const double z = depthOfDisparity(model, disparity);
+    return model.left.P(0, 0) * model.baseline() * relief / (z * z);
+  };
+  constexpr double kMinimumMatched = 0.1;  // share of the reduced image
+  constexpr double kLowQuantile = 0.003, kHighQuantile = 0.997;
+  for (const int reduced_width : {160, 320}) {
+    const double scale = std::min(1.0, static_cast<double>(reduced_width) / left.cols);
+    cv::Mat left_small, right_small;
+    cv::resize(left, left_small, {}, scale, scale, cv::INTER_AREA);
+    cv::resize(right, right_small, {}, scale, scale, cv::INTER_AREA);
+    const int low = static_cast<int>(std::floor(possible.start * scale));
+    const SearchRange range(low, low + roundUp(static_cast<int>(std::ceil(possible.end * scale)) - low + 1));
+    const cv::Mat disparity = matchSemiGlobal(left_small, right_small, range);
+    std::vector<float> found;
+    for (const float d : cv::Mat_<float>(disparity))
+      if (std::isfinite(d)) found.push_back(d / static_cast<float>(scale));
+    if (static_cast<double>(found.size()) < kMinimumMatched * static_cast<double>(disparity.total())) continue;
+    std::sort(found.begin(), found.end());
+    const auto quantile = [&](double share) {
+      return found[static_cast<std::size_t>(share * static_cast<double>(found.size() - 1))];
+    };
+    const double quantum = 1 / scale, lowest = quantile(kLowQuantile), highest = quantile(kHighQuantile);
+    const int start = static_cast<int>(std::floor(lowest - margin(lowest) - quantum));
+    const int end = static_cast<int>(std::ceil(highest + margin(highest) + quantum)) + 1;
+    const int length = roundUp(end - start);
+    const int first = start - (length - (end - start)) / 2;
+    return {first, first + length};
+  }
+  return {};
+}
+
+}  // namespace cortshift_stereo

@@ -1,0 +1,18 @@
+// Stereo pairs to textured surfaces in pMR space. See SurfaceReconstruction for parameters and topics.
+#include <ros/ros.h>
+
+#include "cortshift_stereo/ros/parameter_reader.hpp"
+#include "cortshift_stereo/ros/surface_reconstruction.hpp"
+
+int main(int argc, char** argv) {
+  ros::init(argc, argv, "surface_reconstruction");
+  try {
+    cortshift_stereo::SurfaceReconstruction reconstruction(
+        ros::NodeHandle(), cortshift_stereo::SurfaceReconstructionParameters::load(ros::NodeHandle("~")));
+    ros::spin();
+  } catch (const std::exception& error) {
+    ROS_FATAL_STREAM("surface_reconstruction cannot start: " << error.what());
+    return 1;
+  }
+  return 0;
+}

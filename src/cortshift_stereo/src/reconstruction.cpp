@@ -1,0 +1,127 @@
+#include "cortshift_stereo/reconstruction.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <opencv2/core/utility.hpp>
+#include <string>
+
+#include "cortshift_stereo/triangulation.hpp"
+
+namespace cortshift_stereo {
+namespace {
+
+std::string describe(const cv::Size& size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g", value);
+  return text;
+}
+
+void checkSize(const cv::Mat& image, const CameraModel& camera, const std::string& side) {
+  if (image.size() != camera.size)
+    throw PairError("image_size", "The " + side + " image is " + describe(image.size()) +
+                                      ", but its calibration is for " + describe(camera.size) +
+                                      ": set the camera's resolution or calibrate again.");
+}
+
+/// Points only where both images have usable pixels.
+void dropUnusable(cv::Mat& disparity, const RectifiedPair& pair) {
+  for (int y = 0; y < disparity.rows; ++y) {
+    float* d = disparity.ptr<float>(y);
+    const uint8_t* left = pair.left_usable.ptr<uint8_t>(y);
+    const uint8_t* right = pair.right_usable.ptr<uint8_t>(y);
+    for (int x = 0; x < disparity.cols; ++x) {
+      const int partner = std::isnan(d[x]) ? -1 : static_cast<int>(std::lround(static_cast<float>(x) - d[x]));
+      if (partner < 0 || partner >= disparity.cols || !left[x] || !right[partner])
+        d[x] = std::numeric_limits<float>::quiet_NaN();
+    }
+  }
+}
+
+double shareOfValid(const cv::Mat& disparity) {
+  return static_cast<double>(cv::countNonZero(disparity == disparity)) / static_cast<double>(disparity.total());
+}
+
+void checkMatch(const ReconstructionQuality& quality, const PairLimits& limits) {
+  constexpr int kFewestCorners = 20;
+  const EpipolarResidual& epipolar = quality.epipolar;
+  constexpr double kPlainlyBetter = 0.5;
+  if (epipolar.matched >= kFewestCorners && epipolar.spread_if_swapped < kPlainlyBetter * epipolar.spread)
+    throw PairError("swapped", "Left and right are swapped: the rows of the two images agree to " +
+                                   number(epipolar.spread_if_swapped) + " px when exchanged, but to " +
+                                   number(epipolar.spread) + " px as they are; exchange the cables or the topics.");
+  if (epipolar.matched >= kFewestCorners && epipolar.spread > limits.max_epipolar_residual)
+    throw PairError("epipolar", "The rows of the two images do not agree (median vertical gap " +
+                                    number(epipolar.spread) + " px over " + std::to_string(epipolar.matched) +
+                                    " corners, at most " + number(limits.max_epipolar_residual) +
+                                    " px is allowed): the images are not of one pair, or the "
+                                    "cameras moved since their calibration; calibrate again.");
+  if (quality.coverage < limits.min_coverage)
+    throw PairError("coverage", "Only " + number(100 * quality.coverage) +
+                                    " % of the image could be matched, at least " + number(100 * limits.min_coverage) +
+                                    " % is needed: check focus, light, obstacles in the view, and the calibration.");
+  if (epipolar.matched < kFewestCorners)
+    throw PairError("no_match", "Only " + std::to_string(epipolar.matched) +
+                                    " corners were found in both images, at least " + std::to_string(kFewestCorners) +
+                                    " are needed to trust the pair: check that both images show the same scene.");
+}
+
+}  // namespace
+
+void ReconstructionSettings::validate() const {
+  const auto require = [](bool good, const std::string& name, double value, const std::string& allowed) {
+    if (!good) throw std::invalid_argument(name + " = " + number(value) + " is not allowed; allowed is " + allowed);
+  };
+  require(min_working_distance > 0, "min_working_distance", min_working_distance, "> 0 m");
+  require(max_working_distance > min_working_distance, "max_working_distance", max_working_distance,
+          "> min_working_distance");
+  require(relief >= 0, "relief", relief, ">= 0 m");
+}
+
+ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, const Rectifier& rectifier,
+                                 const ReconstructionSettings& settings) {
+  settings.validate();
+  const int64_t start = cv::getTickCount();
+  const StereoModel& model = rectifier.model();
+  const PairLimits& limits = settings.limits;
+  checkSize(left, model.left, "left");
+  checkSize(right, model.right, "right");
+
+  ReconstructionResult result;
+  ReconstructionQuality& quality = result.quality;
+  quality.left = measureImage(left);
+  quality.right = measureImage(right);
+  checkImage(quality.left, limits, "left");
+  checkImage(quality.right, limits, "right");
+
+  const RectifiedPair pair = rectifier.rectify(left, right);
+  cv::Mat left_grey, right_grey;
+  pair.left.convertTo(left_grey, CV_8U);
+  pair.right.convertTo(right_grey, CV_8U);
+  const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
+  quality.search_range = usedRange(left_grey, right_grey, model, possible, settings.relief);
+  if (quality.search_range.size() == 0)
+    throw PairError("no_match", "The two images do not match at any working distance between " +
+                                    number(settings.min_working_distance) + " and " +
+                                    number(settings.max_working_distance) +
+                                    " m: check that both belong to one pair, that left and right are not swapped, and "
+                                    "the calibration.");
+  result.disparity = matchSemiGlobal(left_grey, right_grey, quality.search_range);
+  dropUnusable(result.disparity, pair);
+
+  quality.coverage = shareOfValid(result.disparity);
+  quality.epipolar = measureEpipolarResidual(pair, result.disparity, rectifier);
+  checkMatch(quality, limits);
+
+  Surface& surface = result.surface_left;
+  surface.points = triangulate(result.disparity, model);
+  surface.colour = pair.left_colour;
+  surface.confidence = cv::Mat(result.disparity.size(), CV_32FC1, cv::Scalar(0));
+  surface.confidence.setTo(1, result.disparity == result.disparity);
+  result.seconds = static_cast<double>(cv::getTickCount() - start) / cv::getTickFrequency();
+  return result;
+}
+
+}  // namespace cortshift_stereo

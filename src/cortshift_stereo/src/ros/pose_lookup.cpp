@@ -1,0 +1,64 @@
+#include "cortshift_stereo/ros/pose_lookup.hpp"
+
+#include <chrono>
+
+namespace cortshift_stereo {
+namespace {
+
+std::string withoutSlash(const std::string& frame) {
+  return !frame.empty() && frame[0] == '/' ? frame.substr(1) : frame;
+}
+
+}  // namespace
+
+PoseLookup::PoseLookup(double max_pose_gap, double history) : tree_(max_pose_gap, history) {
+  node_.setCallbackQueue(&queue_);
+  // Fixed edges come from several latched publishers at once; a short queue would lose some for good.
+  fixed_ = node_.subscribe<tf2_msgs::TFMessage>("/tf_static", 100,
+                                                [this](const tf2_msgs::TFMessage::ConstPtr& m) { add(*m, true); });
+  moving_ = node_.subscribe<tf2_msgs::TFMessage>("/tf", 1000,
+                                                 [this](const tf2_msgs::TFMessage::ConstPtr& m) { add(*m, false); });
+  spinner_ = std::make_unique<ros::AsyncSpinner>(1, &queue_);
+  spinner_->start();
+}
+
+PoseLookup::~PoseLookup() { spinner_->stop(); }
+
+void PoseLookup::add(const tf2_msgs::TFMessage& message, bool fixed) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const ros::Time now = ros::Time::now();
+  if (now < last_now_) {
+    ROS_WARN("the clock jumped back by %.3f s: poses received so far are forgotten", (last_now_ - now).toSec());
+    tree_.forgetSamples();
+  }
+  last_now_ = now;
+  for (const geometry_msgs::TransformStamped& edge : message.transforms) {
+    const geometry_msgs::Vector3& t = edge.transform.translation;
+    const geometry_msgs::Quaternion& q = edge.transform.rotation;
+    const std::string parent = withoutSlash(edge.header.frame_id);
+    const std::string child = withoutSlash(edge.child_frame_id);
+    if (fixed)
+      tree_.addFixed(parent, child, {t.x, t.y, t.z}, {q.w, q.x, q.y, q.z});
+    else
+      tree_.addSample(parent, child, static_cast<int64_t>(edge.header.stamp.toNSec()), {t.x, t.y, t.z},
+                      {q.w, q.x, q.y, q.z});
+  }
+  arrived_.notify_all();
+}
+
+Eigen::Isometry3d PoseLookup::lookup(const std::string& target, const std::string& source, const ros::Time& stamp,
+                                     ros::WallDuration wall_timeout) const {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::nanoseconds(wall_timeout.toNSec());
+  const auto slice = std::chrono::milliseconds(100);  // so that a node that shuts down does not hang here
+  std::unique_lock<std::mutex> lock(mutex_);
+  while (true) {
+    try {
+      return tree_.lookup(withoutSlash(target), withoutSlash(source), static_cast<int64_t>(stamp.toNSec()));
+    } catch (const PoseError& error) {
+      if (!error.mayHeal() || !ros::ok() || std::chrono::steady_clock::now() >= deadline) throw;
+    }
+    arrived_.wait_until(lock, std::min(deadline, std::chrono::steady_clock::now() + slice));
+  }
+}
+
+}  // namespace cortshift_stereo

@@ -1,0 +1,261 @@
+#include "cortshift_stereo/ros/surface_reconstruction.hpp"
+
+#include <stereo_msgs/DisparityImage.h>
+
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <type_traits>
+
+#include "cortshift_stereo/point_transform.hpp"
+#include "cortshift_stereo/ros/conversions.hpp"
+
+namespace cortshift_stereo {
+namespace {
+
+std::string text(double value) {
+  char out[32];
+  std::snprintf(out, sizeof out, "%.4g", value);
+  return out;
+}
+
+std::string text(const ros::Time& stamp) {
+  char out[32];
+  std::snprintf(out, sizeof out, "%u.%09u", stamp.sec, stamp.nsec);
+  return out;
+}
+
+double now() { return ros::WallTime::now().toSec(); }
+
+bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
+  sensor_msgs::CameraInfo other = b;
+  other.header = a.header;
+  return a == other;
+}
+
+}  // namespace
+
+template <typename Message>
+ros::Subscriber SurfaceReconstruction::subscribe(const std::string& topic, Side side) {
+  constexpr uint32_t kQueue = 10;
+  return node_.subscribe<Message>(topic, kQueue, [this, side](const boost::shared_ptr<const Message>& message) {
+    if constexpr (std::is_same_v<Message, sensor_msgs::CameraInfo>) {
+      const std::lock_guard<std::mutex> lock(input_mutex_);
+      infos_[static_cast<std::size_t>(side)] = message;
+      input_arrived_.notify_all();
+    } else if constexpr (std::is_same_v<Message, sensor_msgs::Image>) {
+      receive(side, message->header.stamp, {message, nullptr});
+    } else {
+      receive(side, message->header.stamp, {nullptr, message});
+    }
+  });
+}
+
+SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const SurfaceReconstructionParameters& parameters)
+    : parameters_(parameters),
+      node_(node),
+      poses_(parameters.max_pose_gap),
+      synchroniser_(std::llround(1e9 * parameters.sync_tolerance), parameters.pair_timeout) {
+  points_publisher_ = node_.advertise<sensor_msgs::PointCloud2>("surface/points", 2);
+  disparity_publisher_ = node_.advertise<stereo_msgs::DisparityImage>("surface/disparity", 2);
+  updater_.setHardwareID("none");
+  updater_.add("surface", this, &SurfaceReconstruction::diagnose);
+  for (const auto& [side, name] : {std::pair(Side::kLeft, "left"), std::pair(Side::kRight, "right")}) {
+    const std::string camera = std::string("stereo/") + name;
+    subscribers_.push_back(subscribe<sensor_msgs::CameraInfo>(camera + "/camera_info", side));
+    subscribers_.push_back(subscribe<sensor_msgs::Image>(camera + "/image_raw", side));
+    subscribers_.push_back(subscribe<sensor_msgs::CompressedImage>(camera + "/image_raw/compressed", side));
+  }
+  subscribers_.push_back(node_.subscribe<cortshift_msgs::MicroscopeSettings>(
+      "microscope/settings", 10, [this](const cortshift_msgs::MicroscopeSettings::ConstPtr& message) {
+        const std::lock_guard<std::mutex> lock(input_mutex_);
+        settings_ = *message;
+      }));
+  unpaired_timer_ =
+      node_.createWallTimer(ros::WallDuration(0.1), [this](const ros::WallTimerEvent&) { reportUnpaired(); });
+  diagnostics_timer_ =
+      node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
+  worker_ = std::thread([this] { work(); });
+}
+
+SurfaceReconstruction::~SurfaceReconstruction() {
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    stop_ = true;
+  }
+  input_arrived_.notify_all();
+  worker_.join();
+}
+
+void SurfaceReconstruction::receive(Side side, const ros::Time& stamp, const Image& image) {
+  std::optional<Synchroniser::Pair> overtaken;
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    std::optional<Synchroniser::Pair> pair =
+        synchroniser_.add(side, static_cast<int64_t>(stamp.toNSec()), image, now());
+    if (!pair) return;
+    overtaken = std::exchange(newest_, std::move(pair));
+  }
+  input_arrived_.notify_all();
+  const std::lock_guard<std::mutex> lock(status_mutex_);
+  ++pairs_received_;
+  if (overtaken) ++pairs_overtaken_;
+}
+
+void SurfaceReconstruction::reportUnpaired() {
+  std::vector<Synchroniser::Unpaired> unpaired;
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    unpaired = synchroniser_.takeUnpaired(now());
+  }
+  for (const Synchroniser::Unpaired& image : unpaired)
+    drop("unsynchronised", ros::Time().fromNSec(static_cast<uint64_t>(image.stamp_ns)), image.message());
+}
+
+void SurfaceReconstruction::work() {
+  while (true) {
+    std::optional<Synchroniser::Pair> pair;
+    {
+      std::unique_lock<std::mutex> lock(input_mutex_);
+      input_arrived_.wait(lock, [this] { return stop_ || newest_; });
+      if (stop_) return;
+      pair = std::exchange(newest_, std::nullopt);
+    }
+    const ros::Time stamp = ros::Time().fromNSec(static_cast<uint64_t>(pair->stamp_ns));
+    try {
+      process(*pair, stamp);
+    } catch (const PairError& error) {
+      drop(error.reason(), stamp, error.what());
+    } catch (const MessageError& error) {
+      drop("image", stamp, std::string("A message cannot be used: ") + error.what() + ".");
+    } catch (const CalibrationError& error) {
+      drop("calibration", stamp, std::string("The calibration is refused: ") + error.what() + ".");
+    } catch (const PoseError& error) {
+      drop("pose", stamp, std::string("The pose of the camera is not known: ") + error.what() + ".");
+    } catch (const std::exception& error) {
+      drop("internal", stamp, std::string("The pair could not be processed: ") + error.what() + ".");
+    }
+  }
+}
+
+void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::Time& stamp) {
+  const auto decode = [](const Image& image) {
+    return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
+  };
+  checkSettings();
+  const std::shared_ptr<const Rectifier> rectifier = this->rectifier();
+  ReconstructionResult result =
+      reconstruct(decode(pair.left), decode(pair.right), *rectifier, parameters_.reconstruction);
+  // Asked for last: the tracker's sample after the stamp has had the time of the reconstruction to arrive.
+  const Eigen::Isometry3d T_pmr_left = poses_.lookup(parameters_.map_frame, parameters_.camera_frame, stamp,
+                                                     ros::WallDuration(parameters_.pose_timeout));
+  Surface surface_pmr = result.surface_left;
+  surface_pmr.points = transformPoints(T_pmr_left, result.surface_left.points);
+
+  std_msgs::Header header;
+  header.stamp = stamp;
+  header.frame_id = parameters_.map_frame;
+  points_publisher_.publish(toPointCloud2(surface_pmr, header));
+  if (disparity_publisher_.getNumSubscribers() > 0) {
+    header.frame_id = parameters_.camera_frame;
+    disparity_publisher_.publish(
+        toDisparityImage(result.disparity, rectifier->model(), result.quality.search_range, header));
+  }
+  {
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    ++surfaces_published_;
+    last_pair_dropped_ = false;
+    last_quality_ = result.quality;
+    last_surface_stamp_ = stamp;
+    last_seconds_ = result.seconds;
+  }
+  publishDiagnostics();
+}
+
+std::shared_ptr<const Rectifier> SurfaceReconstruction::rectifier() {
+  sensor_msgs::CameraInfoConstPtr left, right;
+  {
+    std::unique_lock<std::mutex> lock(input_mutex_);
+    const auto deadline =
+        std::chrono::steady_clock::now() + std::chrono::duration<double>(parameters_.calibration_timeout);
+    input_arrived_.wait_until(lock, deadline, [this] { return stop_ || (infos_[0] && infos_[1]); });
+    left = infos_[0];
+    right = infos_[1];
+  }
+  if (!left || !right)
+    throw PairError("camera_info", std::string("No camera_info of the ") + (left ? "right" : "left") +
+                                       " camera has arrived: check that the driver or the bag publishes it.");
+  if (!rectifier_ || !sameCalibration(*left, *rectifier_infos_[0]) || !sameCalibration(*right, *rectifier_infos_[1])) {
+    rectifier_ = nullptr;
+    rectifier_ = std::make_shared<const Rectifier>(stereoModelFromInfo(*left, *right));
+    rectifier_infos_[0] = left;
+    rectifier_infos_[1] = right;
+  }
+  return rectifier_;
+}
+
+void SurfaceReconstruction::checkSettings() {
+  std::optional<cortshift_msgs::MicroscopeSettings> settings;
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    settings = settings_;
+  }
+  if (!settings) return;  // absent means the reference setting
+  const auto same = [&](double value, double reference) {
+    return std::abs(value - reference) <= parameters_.settings_tolerance * reference;
+  };
+  if (!same(settings->magnification, parameters_.reference_magnification) ||
+      !same(settings->focal_length, parameters_.reference_focal_length))
+    throw PairError("settings",
+                    "The microscope is at magnification " + text(settings->magnification) + " and focal length " +
+                        text(settings->focal_length) + " m, but the calibration is for magnification " +
+                        text(parameters_.reference_magnification) + " and focal length " +
+                        text(parameters_.reference_focal_length) +
+                        " m, and no calibration of other settings is loaded: return to the reference setting.");
+}
+
+void SurfaceReconstruction::drop(const std::string& reason, const ros::Time& stamp, const std::string& message) {
+  ROS_WARN_STREAM("pair at " << text(stamp) << " dropped (" << reason << "): " << message);
+  {
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    ++drops_[reason];
+    last_drop_ = Drop{reason, message, stamp};
+    last_pair_dropped_ = true;
+  }
+  publishDiagnostics();
+}
+
+void SurfaceReconstruction::publishDiagnostics() {
+  const std::lock_guard<std::mutex> lock(updater_mutex_);  // called from the worker and from timers
+  updater_.force_update();
+}
+
+void SurfaceReconstruction::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  using diagnostic_msgs::DiagnosticStatus;
+  const std::lock_guard<std::mutex> lock(status_mutex_);
+  if (last_pair_dropped_)
+    status.summary(DiagnosticStatus::WARN, last_drop_->message);
+  else if (surfaces_published_ == 0)
+    status.summary(DiagnosticStatus::WARN, "No stereo pair has arrived yet: check the image topics.");
+  else
+    status.summary(DiagnosticStatus::OK, "The last pair gave a surface.");
+  status.add("last_drop_reason", last_drop_ ? last_drop_->reason + ": " + last_drop_->message : "");
+  status.add("last_drop_stamp", last_drop_ ? text(last_drop_->stamp) : "");
+  status.add("last_surface_stamp", surfaces_published_ > 0 ? text(last_surface_stamp_) : "");
+  status.add("pairs_received", pairs_received_);
+  status.add("pairs_overtaken", pairs_overtaken_);
+  status.add("surfaces_published", surfaces_published_);
+  for (const auto& [reason, count] : drops_) status.add("dropped_" + reason, count);
+  if (!last_quality_) return;
+  status.add("coverage", text(last_quality_->coverage));
+  status.add("search_range_px", std::to_string(last_quality_->search_range.start) + " ... " +
+                                    std::to_string(last_quality_->search_range.end));
+  status.add("epipolar_residual_px", text(last_quality_->epipolar.spread));
+  status.add("saturated_share_left", text(last_quality_->left.saturated_share));
+  status.add("saturated_share_right", text(last_quality_->right.saturated_share));
+  status.add("sharpness_left", text(last_quality_->left.sharpness));
+  status.add("sharpness_right", text(last_quality_->right.sharpness));
+  status.add("reconstruct_seconds", text(last_seconds_));
+}
+
+}  // namespace cortshift_stereo

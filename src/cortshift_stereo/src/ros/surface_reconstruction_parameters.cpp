@@ -1,0 +1,37 @@
+#include "cortshift_stereo/ros/parameter_reader.hpp"
+#include "cortshift_stereo/ros/surface_reconstruction.hpp"
+
+namespace cortshift_stereo {
+
+SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const ros::NodeHandle& private_node) {
+  SurfaceReconstructionParameters p;
+  ParameterReader reader(private_node);
+  reader.choice("map_frame", p.map_frame);
+  reader.choice("camera_frame", p.camera_frame);
+  reader.number("sync_tolerance", p.sync_tolerance, 0.0, 0.1);
+  reader.number("pair_timeout", p.pair_timeout, 0.05, 10.0);
+  reader.number("max_pose_gap", p.max_pose_gap, 0.001, 2.0);
+  reader.number("pose_timeout", p.pose_timeout, 0.0, 10.0);
+  reader.number("calibration_timeout", p.calibration_timeout, 0.0, 10.0);
+  reader.number("reference_magnification", p.reference_magnification, 0.01, 100.0);
+  reader.number("reference_focal_length", p.reference_focal_length, 0.01, 10.0);
+  reader.number("settings_tolerance", p.settings_tolerance, 0.0, 0.1);
+  ReconstructionSettings& r = p.reconstruction;
+  reader.number("min_working_distance", r.min_working_distance, 0.02, 10.0);
+  reader.number("max_working_distance", r.max_working_distance, 0.02, 100.0);
+  reader.number("relief", r.relief, 0.0, 1.0);
+  reader.number("min_coverage", r.limits.min_coverage, 0.0, 1.0);
+  reader.number("max_epipolar_residual", r.limits.max_epipolar_residual, 0.05, 100.0);
+  reader.number("max_saturated_share", r.limits.max_saturated_share, 0.0, 1.0);
+  reader.number("min_contrast", r.limits.min_contrast, 0.0, 128.0);
+  reader.number("min_sharpness", r.limits.min_sharpness, 0.0, 10.0);
+  reader.finish();
+  try {
+    r.validate();
+  } catch (const std::invalid_argument& error) {
+    throw ParameterError(std::string("parameters: ") + error.what());
+  }
+  return p;
+}
+
+}  // namespace cortshift_stereo

@@ -1,0 +1,87 @@
+#include "cortshift_stereo/calibration/camera_info_yaml.hpp"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <opencv2/calib3d.hpp>
+#include <sstream>
+
+#include "scratch_folder.hpp"
+
+namespace cortshift_stereo {
+namespace {
+
+NamedCamera someCamera(double baseline) {
+  NamedCamera camera;
+  camera.name = "left: of the pair";
+  camera.model.size = {1024, 768};
+  camera.model.K = {2000.1, 0, 511.3, 0, 1999.7, 383.9, 0, 0, 1};
+  camera.model.D = {-0.1, 1.0 / 3.0, 1e-17, 0, 0.02};
+  cv::Matx33d turn;
+  cv::Rodrigues(cv::Vec3d(0.01, -0.05, 0.002), turn);
+  camera.model.R = turn;
+  camera.model.P = {2000, 0, 500, -2000 * baseline, 0, 2000, 380, 0, 0, 0, 1, 0};
+  return camera;
+}
+
+std::string textOf(const std::string& path) {
+  std::ostringstream text;
+  text << std::ifstream(path).rdbuf();
+  return text.str();
+}
+
+/// The message of the refusal to read a file in which `from` was replaced by `to`.
+std::string refusal(const std::string& from, const std::string& to) {
+  const ScratchFolder folder;
+  const std::string path = folder.file("left.yaml");
+  writeCameraInfoYaml(path, someCamera(0));
+  std::string text = textOf(path);
+  const auto at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  std::ofstream(path) << text.replace(at, from.size(), to);
+  try {
+    readCameraInfoYaml(path);
+  } catch (const CalibrationError& fault) {
+    EXPECT_NE(std::string(fault.what()).find(path), std::string::npos) << fault.what();
+    return fault.what();
+  }
+  return "not refused";
+}
+
+TEST(CameraInfoYaml, ReadsBackEveryNumberExactly) {
+  const ScratchFolder folder;
+  const NamedCamera written = someCamera(0.04);
+  writeCameraInfoYaml(folder.file("right.yaml"), written, "first line\nsecond: line");
+  const NamedCamera read = readCameraInfoYaml(folder.file("right.yaml"));
+  EXPECT_EQ(read.name, written.name);
+  EXPECT_EQ(read.model.size, written.model.size);
+  EXPECT_EQ(read.model.K, written.model.K);
+  EXPECT_EQ(read.model.D, written.model.D);
+  EXPECT_EQ(read.model.R, written.model.R);
+  EXPECT_EQ(read.model.P, written.model.P);
+}
+
+TEST(CameraInfoYaml, ReadsBothSidesAndChecksThatTheyBelongTogether) {
+  const ScratchFolder folder;
+  writeCameraInfoYaml(folder.file("left.yaml"), someCamera(0));
+  writeCameraInfoYaml(folder.file("right.yaml"), someCamera(0.04));
+  EXPECT_DOUBLE_EQ(readStereoModelYaml(folder.file("left.yaml"), folder.file("right.yaml")).baseline(), 0.04);
+  EXPECT_THROW(readStereoModelYaml(folder.file("left.yaml"), folder.file("left.yaml")), CalibrationError);
+}
+
+TEST(CameraInfoYaml, RefusesAFaultyFileByNameAndKey) {
+  EXPECT_NE(refusal("camera_matrix", "camera_matrices").find("camera_matrix is missing"), std::string::npos);
+  EXPECT_NE(refusal("plumb_bob", "equidistant").find("equidistant"), std::string::npos);
+  EXPECT_NE(refusal("[2000.1, 0, ", "[2000.1, ").find("camera_matrix is not 3x3"), std::string::npos);
+  EXPECT_NE(refusal("2000.1", ".nan").find("not finite"), std::string::npos);
+  EXPECT_NE(refusal("image_width: 1024", "image_width: wide").find("image_width"), std::string::npos);
+  EXPECT_NE(refusal("image_width: 1024", "image_width: [").find("not readable as YAML"), std::string::npos);
+}
+
+TEST(CameraInfoYaml, RefusesAMissingFileAndAFolderThatCannotBeWritten) {
+  EXPECT_THROW(readCameraInfoYaml("/nowhere/left.yaml"), CalibrationError);
+  EXPECT_THROW(writeCameraInfoYaml("/nowhere/left.yaml", someCamera(0)), CalibrationError);
+}
+
+}  // namespace
+}  // namespace cortshift_stereo

@@ -1,0 +1,28 @@
+// Files that are there whole or not at all, whatever happens while they are written.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+namespace cortshift_tracking {
+
+/// Ending of a file that is still being written; what a crash leaves has it.
+extern const char* const kPartialEnding;
+
+/// Writes `bytes` to a temporary name beside `path`, syncs, renames and syncs the folder. When this returns, the file
+/// survives a power cut; an existing file is never replaced.
+/// @throws TrackingError naming the file and the system's reason; nothing is left behind then
+void writeDurably(const std::filesystem::path& path, const void* bytes, std::size_t size);
+
+/// Renames within one file system without replacing anything and syncs both folders. @throws TrackingError
+void moveDurably(const std::filesystem::path& from, const std::filesystem::path& to);
+
+/// @throws TrackingError
+std::string readWhole(const std::filesystem::path& path);
+
+/// CRC-32 (ISO 3309, as in zip) of some bytes.
+std::uint32_t crc32(const void* bytes, std::size_t size);
+
+}  // namespace cortshift_tracking

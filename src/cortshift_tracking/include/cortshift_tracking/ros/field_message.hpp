@@ -1,0 +1,21 @@
+// DisplacementField and Summary as messages and back.
+#pragma once
+
+#include <cortshift_msgs/DisplacementField.h>
+#include <cortshift_msgs/ShiftSummary.h>
+#include <cortshift_msgs/StageInfo.h>
+
+#include "cortshift_tracking/shift.hpp"
+
+namespace cortshift_tracking {
+
+cortshift_msgs::ShiftSummary toMessage(const Summary& summary, const std::string& from_key, const std::string& to_key);
+
+cortshift_msgs::DisplacementField toMessage(const DisplacementField& field, const Summary& summary,
+                                            const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to);
+
+/// The field of a message, from any writer that keeps the contract.
+/// @throws cortshift_stereo::MessageError naming what is wrong
+DisplacementField fieldFromMessage(const cortshift_msgs::DisplacementField& message);
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,27 @@
+// Every parameter of shift_tracker, each default once.
+#pragma once
+
+#include <ros/node_handle.h>
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+
+#include "cortshift_tracking/shift.hpp"
+
+namespace cortshift_tracking {
+
+struct ShiftTrackerParameters {
+  std::string case_folder;        ///< folder of the stages; empty: a new one for each ROS master under ~/.ros/cortshift
+  double capture_timeout = 10.0;  ///< longest wait for a surface [s, wall], 0.1 ... 600
+  double max_surface_age = 2.0;   ///< a surface up to this old is captured at once [s, ROS time], 0 ... 3600
+  double max_pose_gap = 0.2;      ///< farthest tracker sample on either side of a stage's stamp [s], 0.001 ... 10
+  std::optional<Eigen::Vector3d> gravity_pmr;  ///< direction of gravity, unit length; empty: not known
+  double arrow_spacing = 0.003;                ///< between the arrows of /shift/markers [m], 0.0005 ... 0.05
+  ShiftSettings shift;
+
+  /// @throws cortshift_stereo::ParameterError naming key, value and what is allowed
+  static ShiftTrackerParameters load(const ros::NodeHandle& private_node);
+};
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,88 @@
+// The keyed history of a case and the displacement between its stages, as services.
+#pragma once
+
+#include <cortshift_msgs/CaptureStage.h>
+#include <cortshift_msgs/ComputeShift.h>
+#include <cortshift_msgs/DeleteStage.h>
+#include <cortshift_msgs/ListStages.h>
+#include <diagnostic_msgs/DiagnosticArray.h>
+#include <ros/callback_queue.h>
+#include <ros/ros.h>
+#include <sensor_msgs/PointCloud2.h>
+
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "cortshift_stereo/ros/pose_lookup.hpp"
+#include "cortshift_tracking/ros/pair_history.hpp"
+#include "cortshift_tracking/ros/parameters.hpp"
+#include "cortshift_tracking/ros/stage_store.hpp"
+#include "cortshift_tracking/ros/surface_inbox.hpp"
+
+namespace cortshift_tracking {
+
+/// Parameters: see ShiftTrackerParameters.
+///
+/// Subscribes:
+///   /surface/points [sensor_msgs/PointCloud2] organised surface in pmr
+///   /diagnostics [diagnostic_msgs/DiagnosticArray] why the reconstruction dropped a pair
+///   /tf, /tf_static, and what PairHistory needs
+/// Publishes (latched):
+///   /shift/field [cortshift_msgs/DisplacementField], /shift/points [sensor_msgs/PointCloud2]
+///   /shift/markers [visualization_msgs/MarkerArray]
+///   /shift/overlay_before, /shift/overlay_after, /shift/magnitude [sensor_msgs/Image] bgr8
+///   /diagnostics
+/// Services: ~capture_stage, ~list_stages, ~delete_stage, ~compute_shift
+/// Calls: /stereo_driver/trigger, where there is one
+class ShiftTracker {
+ public:
+  /// @throws TrackingError if the case folder cannot be used
+  ShiftTracker(const ShiftTrackerParameters& parameters, const ros::NodeHandle& private_node);
+  ~ShiftTracker();
+
+ private:
+  struct Status;  // what diagnostics tell
+
+  bool onCapture(cortshift_msgs::CaptureStage::Request& request, cortshift_msgs::CaptureStage::Response& response);
+  bool onList(cortshift_msgs::ListStages::Request& request, cortshift_msgs::ListStages::Response& response);
+  bool onDelete(cortshift_msgs::DeleteStage::Request& request, cortshift_msgs::DeleteStage::Response& response);
+  bool onCompute(cortshift_msgs::ComputeShift::Request& request, cortshift_msgs::ComputeShift::Response& response);
+  void onSurface(const sensor_msgs::PointCloud2ConstPtr& surface);
+  void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message);
+  void onTimer(const ros::WallTimerEvent& event);
+
+  sensor_msgs::PointCloud2ConstPtr awaitSurface(const std::string& key);
+  StageRecord makeRecord(const std::string& key, const std::string& note,
+                         const sensor_msgs::PointCloud2ConstPtr& surface, std::string& remarks);
+  void addTransforms(StageRecord& record, std::string& remarks);
+  std::string whyNoSurface() const;
+  Eigen::Vector3d firstNormal();
+  void publish(const ShiftResult& result, const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to);
+
+  ShiftTrackerParameters parameters_;
+  StageStore store_;
+  cortshift_stereo::PoseLookup poses_;
+  SurfaceInbox inbox_;
+
+  std::mutex capture_mutex_;  // one capture at a time: each may fire the trigger
+  std::mutex compute_mutex_;
+  std::string first_key_;  // whose normal is first_normal_
+  Eigen::Vector3d first_normal_;
+
+  mutable std::mutex status_mutex_;
+  std::unique_ptr<Status> status_;
+
+  ros::CallbackQueue data_queue_, service_queue_;
+  ros::NodeHandle data_node_, service_node_;
+  std::unique_ptr<PairHistory> pairs_;
+  ros::Subscriber surfaces_, diagnostics_in_;
+  ros::Publisher field_, points_, markers_, overlay_before_, overlay_after_, magnitude_, diagnostics_;
+  ros::ServiceServer capture_, list_, delete_, compute_;
+  ros::ServiceClient trigger_;
+  ros::WallTimer timer_;
+  std::unique_ptr<ros::AsyncSpinner> data_spinner_, service_spinner_;
+};
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,91 @@
+// The keyed history of a case on disk: one folder, one ordinary ROS 1 bag for each stage.
+#pragma once
+
+#include <cortshift_msgs/MicroscopeSettings.h>
+#include <cortshift_msgs/StageInfo.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/Image.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <tf2_msgs/TFMessage.h>
+
+#include <filesystem>
+#include <mutex>
+#include <string>
+#include <vector>
+
+namespace cortshift_tracking {
+
+/// What one stage's bag holds. Null pointers and empty messages: not known at capture, and absent from the bag.
+struct StageRecord {
+  cortshift_msgs::StageInfo info;            ///< /stage/info
+  sensor_msgs::PointCloud2ConstPtr surface;  ///< /surface/points; never null
+  sensor_msgs::ImageConstPtr left, right;    ///< /stereo/{left,right}/image_raw, as they came in
+  sensor_msgs::CompressedImageConstPtr left_compressed, right_compressed;  ///< .../image_raw/compressed
+  sensor_msgs::CameraInfoConstPtr left_info, right_info;                   ///< /stereo/{left,right}/camera_info
+  cortshift_msgs::MicroscopeSettingsConstPtr settings;                     ///< /microscope/settings
+  tf2_msgs::TFMessage tf, tf_static;                                       ///< the transforms at the stamp
+};
+
+/// Stages in order of capture. Thread-safe.
+///
+/// A stage is NNNN_KEY_CRC.bag: number in the case, key, CRC-32 of the whole file. Files that are damaged or not ours
+/// are moved to `set_aside/` (where the folder may be written) and otherwise left alone; deleted stages go to
+/// `deleted/`. Nothing is ever overwritten.
+class StageStore {
+ public:
+  /// Opens or creates the folder and checks every stage in it.
+  /// @throws TrackingError if the folder cannot be had or another process holds it
+  explicit StageStore(const std::filesystem::path& folder);
+  ~StageStore();
+  StageStore(const StageStore&) = delete;
+  StageStore& operator=(const StageStore&) = delete;
+
+  std::vector<cortshift_msgs::StageInfo> list() const;
+
+  /// Place of a stage in the order of capture. @throws TrackingError naming the key and what keys there are
+  std::size_t indexOf(const std::string& key) const;
+
+  /// @throws TrackingError if a stage of that key exists (naming when it was captured)
+  void requireFree(const std::string& key) const;
+
+  /// Returns after the stage is safe on disk. @throws TrackingError; then nothing has changed
+  void add(const StageRecord& record);
+
+  /// @throws TrackingError for an unknown key or a file that is no longer whole
+  StageRecord load(const std::string& key) const;
+
+  /// @throws TrackingError
+  void remove(const std::string& key);
+
+  const std::filesystem::path& folder() const { return folder_; }
+
+  /// Files that were not taken for stages, each with the reason.
+  const std::vector<std::string>& setAside() const { return set_aside_; }
+
+ private:
+  struct Entry {
+    std::filesystem::path path;
+    cortshift_msgs::StageInfo info;
+  };
+
+  void lockFolder();
+  void scan();
+  void putAside(const std::filesystem::path& path, const std::string& reason);
+  std::size_t indexLocked(const std::string& key) const;
+
+  std::filesystem::path folder_;
+  int lock_ = -1;
+  mutable std::mutex mutex_;
+  std::vector<Entry> entries_;
+  std::vector<std::string> set_aside_;
+  unsigned last_number_ = 0;
+};
+
+/// The bag of a stage as bytes. @throws TrackingError
+std::string toBag(const StageRecord& record);
+
+/// @throws TrackingError if it is not a stage's bag
+StageRecord stageFromBag(const std::filesystem::path& path);
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,41 @@
+// The surfaces that have come in lately, for requests that wait for one.
+#pragma once
+
+#include <ros/time.h>
+#include <sensor_msgs/PointCloud2.h>
+
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <functional>
+#include <mutex>
+
+namespace cortshift_tracking {
+
+/// Thread-safe. Waiting is bounded in wall time: a simulated clock may stand still.
+class SurfaceInbox {
+ public:
+  using Deadline = std::chrono::steady_clock::time_point;
+
+  void put(const sensor_msgs::PointCloud2ConstPtr& surface);
+
+  /// The surface of exactly this stamp. Null when the deadline passes.
+  sensor_msgs::PointCloud2ConstPtr waitForStamp(const ros::Time& stamp, Deadline deadline) const;
+
+  /// The newest surface if its stamp lies within `max_age` of the time of the call; otherwise the next one that comes
+  /// in and is not older than that. With a clock that does not run yet (time 0) nothing that is already there counts.
+  /// Null when the deadline passes.
+  sensor_msgs::PointCloud2ConstPtr waitForRecent(const ros::Duration& max_age, Deadline deadline) const;
+
+  /// Stamp of the newest surface; zero: none yet.
+  ros::Time newestStamp() const;
+
+ private:
+  static constexpr std::size_t kKept = 4;
+  mutable std::mutex mutex_;
+  mutable std::condition_variable arrived_;
+  std::deque<sensor_msgs::PointCloud2ConstPtr> surfaces_;  // in order of arrival
+  unsigned long count_ = 0;                                // of all that have come in
+};
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,49 @@
+// From two surfaces to the displacement between them: the steps of Ji et al. 2014, section 2.5, in their order.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+
+#include "cortshift_stereo/surface.hpp"
+#include "cortshift_tracking/displacement_field.hpp"
+#include "cortshift_tracking/inversion.hpp"
+#include "cortshift_tracking/projection.hpp"
+#include "cortshift_tracking/projection_frame.hpp"
+#include "cortshift_tracking/registration.hpp"
+#include "cortshift_tracking/summary.hpp"
+#include "cortshift_tracking/trust.hpp"
+
+namespace cortshift_tracking {
+
+struct ShiftSettings {
+  FrameSettings frame;
+  ProjectionSettings projection;
+  RegistrationSettings registration;
+  TrustSettings trust;
+  InversionSettings inversion;
+
+  /// @throws TrackingError naming the setting, its value and the allowed range.
+  void validate() const;
+  void setThreads(int threads);
+};
+
+/// What the field is measured against.
+struct Directions {
+  Eigen::Vector3d first_normal_pmr;            ///< average normal of the case's first stage, unit length
+  std::optional<Eigen::Vector3d> gravity_pmr;  ///< unit length; empty: not known
+};
+
+struct ShiftResult {
+  DisplacementField field;
+  Summary summary;
+  Projection earlier;
+  Projection later;
+  cv::Mat flow;  ///< CV_32FC2 [grid units]
+};
+
+/// Displacement field from the earlier to the later surface.
+/// @throws TrackingError if a surface is unusable, the two do not overlap or no vector can be trusted.
+ShiftResult computeShift(const cortshift_stereo::Surface& earlier_pmr, const cortshift_stereo::Surface& later_pmr,
+                         const Directions& directions, const ShiftSettings& settings = {});
+
+}  // namespace cortshift_tracking

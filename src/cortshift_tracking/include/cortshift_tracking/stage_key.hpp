@@ -1,0 +1,11 @@
+#pragma once
+
+#include <string>
+
+namespace cortshift_tracking {
+
+/// A key names a stage and its file: 1-64 of A-Z a-z 0-9 _ -.
+/// @throws TrackingError naming the key and what is wrong with it
+void requireKey(const std::string& key);
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,29 @@
+// Displacement fields of the stereo phantom against the truth.
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "cortshift_stereo_phantom/phantom_scene.hpp"
+#include "cortshift_tracking/displacement_field.hpp"
+
+namespace cortshift_tracking_phantom {
+
+/// 3D errors |d - true d| of the reported vectors that start inside the craniotomy. NaN where none was reported.
+struct FieldError {
+  double median = 0;    ///< [m]
+  double p95 = 0;       ///< 95th percentile [m]
+  double largest = 0;   ///< [m]
+  double coverage = 0;  ///< reported part of the craniotomy that both cameras see as brain at both stages, 0...1
+  std::size_t compared_points = 0;
+  std::size_t foreign_points = 0;  ///< reported vectors that start on no tissue (a retractor) or whose tissue is gone
+};
+
+/// @param stride every how many grid points, in either direction, a vector is compared
+FieldError compareWithTruth(const cortshift_tracking::DisplacementField& field,
+                            const cortshift_stereo_phantom::PhantomScene& scene, int from, int to, int stride = 3);
+
+/// `name: value` lines, lengths in millimetres.
+std::string toText(const FieldError& error);
+
+}  // namespace cortshift_tracking_phantom

@@ -1,0 +1,118 @@
+#include "cortshift_tracking_phantom/field_truth.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <opencv2/core/utility.hpp>
+#include <vector>
+
+namespace cortshift_tracking_phantom {
+namespace {
+
+using cortshift_stereo_phantom::Material;
+using cortshift_stereo_phantom::PhantomScene;
+using cortshift_stereo_phantom::Side;
+using cortshift_tracking::DisplacementField;
+
+constexpr double kSampleSpacing = 0.001;  // of the material points that coverage is counted on [m]
+
+Eigen::Vector3d toEigen(const cv::Vec3f& v) { return {v[0], v[1], v[2]}; }
+
+struct RowResult {
+  std::vector<double> errors;
+  std::size_t foreign = 0;
+};
+
+RowResult compareRow(const DisplacementField& field, const PhantomScene& scene, int from, int to, int row, int stride) {
+  RowResult result;
+  for (int column = 0; column < field.frame.size.width; column += stride) {
+    const cv::Vec3f& d = field.displacement_pmr.at<cv::Vec3f>(row, column);
+    if (std::isnan(d[0])) continue;
+    const auto tissue = scene.materialOf(toEigen(field.start_pmr.at<cv::Vec3f>(row, column)), from);
+    if (!tissue) {
+      ++result.foreign;
+      continue;
+    }
+    const double x = tissue->material[0], y = tissue->material[1];
+    if (scene.rimDistance(x, y) < 0) continue;
+    if (scene.materialAt(to, x, y) == Material::kHole) {
+      ++result.foreign;
+      continue;
+    }
+    result.errors.push_back((toEigen(d) - scene.displacement(from, to, x, y)).norm());
+  }
+  return result;
+}
+
+bool isCorresponding(const PhantomScene& scene, int stage, double x, double y) {
+  return scene.materialAt(stage, x, y) == Material::kBrain &&
+         scene.isVisible(stage, x, y, scene.rectified(stage, Side::kLeft)) &&
+         scene.isVisible(stage, x, y, scene.rectified(stage, Side::kRight));
+}
+
+bool isReported(const DisplacementField& field, const Eigen::Vector3d& start_pmr) {
+  const Eigen::Vector3d p = field.frame.T_pmr_projection.inverse() * start_pmr / field.frame.resolution;
+  const auto column = static_cast<int>(std::lround(p[0])), row = static_cast<int>(std::lround(p[1]));
+  if (column < 0 || row < 0 || column >= field.frame.size.width || row >= field.frame.size.height) return false;
+  return !std::isnan(field.displacement_pmr.at<cv::Vec3f>(row, column)[0]);
+}
+
+double coverageOf(const DisplacementField& field, const PhantomScene& scene, int from, int to) {
+  const Eigen::Vector2d centre = scene.description().head.craniotomy.centre;
+  const Eigen::Vector2d reach = 1.5 * scene.description().head.craniotomy.radii;
+  std::vector<Eigen::Vector2d> samples;
+  for (double y = centre[1] - reach[1]; y <= centre[1] + reach[1]; y += kSampleSpacing)
+    for (double x = centre[0] - reach[0]; x <= centre[0] + reach[0]; x += kSampleSpacing)
+      if (scene.rimDistance(x, y) > 0) samples.emplace_back(x, y);
+  std::vector<char> corresponding(samples.size(), 0), reported(samples.size(), 0);
+  cv::parallel_for_(cv::Range(0, static_cast<int>(samples.size())), [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      const double x = samples[at][0], y = samples[at][1];
+      if (!isCorresponding(scene, from, x, y) || !isCorresponding(scene, to, x, y)) continue;
+      corresponding[at] = 1;
+      reported[at] = isReported(field, scene.pointAt(from, x, y)) ? 1 : 0;
+    }
+  });
+  const auto all = std::count(corresponding.begin(), corresponding.end(), 1);
+  return all == 0 ? 0.0
+                  : static_cast<double>(std::count(reported.begin(), reported.end(), 1)) / static_cast<double>(all);
+}
+
+}  // namespace
+
+FieldError compareWithTruth(const DisplacementField& field, const PhantomScene& scene, int from, int to, int stride) {
+  const int rows = (field.frame.size.height + stride - 1) / stride;
+  std::vector<RowResult> results(static_cast<std::size_t>(rows));
+  cv::parallel_for_(cv::Range(0, rows), [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end; ++i)
+      results[static_cast<std::size_t>(i)] = compareRow(field, scene, from, to, i * stride, stride);
+  });
+  FieldError error;
+  std::vector<double> errors;
+  for (const RowResult& row : results) {
+    errors.insert(errors.end(), row.errors.begin(), row.errors.end());
+    error.foreign_points += row.foreign;
+  }
+  std::sort(errors.begin(), errors.end());
+  error.compared_points = errors.size();
+  const double unknown = std::numeric_limits<double>::quiet_NaN();
+  error.median = errors.empty() ? unknown : errors[errors.size() / 2];
+  error.p95 = errors.empty() ? unknown : errors[errors.size() * 95 / 100];
+  error.largest = errors.empty() ? unknown : errors.back();
+  error.coverage = coverageOf(field, scene, from, to);
+  return error;
+}
+
+std::string toText(const FieldError& error) {
+  char text[320];
+  std::snprintf(text, sizeof text,
+                "error_median_mm: %.4f\nerror_p95_mm: %.4f\nerror_max_mm: %.4f\ncoverage: %.4f\ncompared_points: %zu\n"
+                "foreign_points: %zu\n",
+                1e3 * error.median, 1e3 * error.p95, 1e3 * error.largest, error.coverage, error.compared_points,
+                error.foreign_points);
+  return text;
+}
+
+}  // namespace cortshift_tracking_phantom

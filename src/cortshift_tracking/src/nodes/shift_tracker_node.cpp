@@ -1,0 +1,19 @@
+#include <ros/ros.h>
+
+#include <exception>
+
+#include "cortshift_tracking/ros/shift_tracker.hpp"
+
+int main(int argc, char** argv) {
+  ros::init(argc, argv, "shift_tracker");
+  try {
+    const ros::NodeHandle private_node("~");
+    const auto parameters = cortshift_tracking::ShiftTrackerParameters::load(private_node);
+    cortshift_tracking::ShiftTracker tracker(parameters, private_node);
+    ros::waitForShutdown();
+  } catch (const std::exception& error) {
+    ROS_FATAL_STREAM("shift_tracker does not start: " << error.what());
+    return 1;
+  }
+  return 0;
+}

@@ -1,0 +1,131 @@
+#include "cortshift_tracking/ros/field_message.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "cortshift_stereo/ros/conversions.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+constexpr std::array<const char*, 8> kFields = {"x", "y", "z", "dx", "dy", "dz", "rgb", "confidence"};
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+using cortshift_stereo::MessageError;
+
+}  // namespace
+
+cortshift_msgs::ShiftSummary toMessage(const Summary& summary, const std::string& from_key, const std::string& to_key) {
+  cortshift_msgs::ShiftSummary message;
+  message.from_key = from_key;
+  message.to_key = to_key;
+  message.valid_points = static_cast<uint32_t>(summary.valid_points);
+  message.overlap = summary.overlap;
+  message.magnitude_mean = summary.magnitude.mean;
+  message.magnitude_sd = summary.magnitude.sd;
+  message.gravity_mean = summary.gravity.mean;
+  message.gravity_sd = summary.gravity.sd;
+  message.normal_mean = summary.normal.mean;
+  message.normal_sd = summary.normal.sd;
+  message.lateral_mean = summary.lateral.mean;
+  message.lateral_sd = summary.lateral.sd;
+  message.gravity_normal_angle = summary.gravity_normal_angle;
+  message.compute_time = summary.compute_seconds();
+  return message;
+}
+
+cortshift_msgs::DisplacementField toMessage(const DisplacementField& field, const Summary& summary,
+                                            const cortshift_msgs::StageInfo& from,
+                                            const cortshift_msgs::StageInfo& to) {
+  cortshift_msgs::DisplacementField message;
+  message.header.frame_id = "pmr";
+  message.header.stamp = to.stamp;
+  message.from_key = from.key;
+  message.to_key = to.key;
+  message.from_stamp = from.stamp;
+  message.to_stamp = to.stamp;
+  message.projection = cortshift_stereo::toPose(field.frame.T_pmr_projection);
+  message.resolution = field.frame.resolution;
+  message.summary = toMessage(summary, from.key, to.key);
+
+  sensor_msgs::PointCloud2& cloud = message.points;
+  cloud.header = message.header;
+  cloud.width = static_cast<uint32_t>(field.frame.size.width);
+  cloud.height = static_cast<uint32_t>(field.frame.size.height);
+  for (std::size_t i = 0; i < kFields.size(); ++i) {
+    sensor_msgs::PointField entry;
+    entry.name = kFields[i];
+    entry.offset = static_cast<uint32_t>(i * sizeof(float));
+    entry.datatype = sensor_msgs::PointField::FLOAT32;
+    entry.count = 1;
+    cloud.fields.push_back(entry);
+  }
+  cloud.point_step = static_cast<uint32_t>(kFields.size() * sizeof(float));
+  cloud.row_step = cloud.point_step * cloud.width;
+  cloud.is_dense = false;
+  cloud.data.resize(std::size_t{cloud.row_step} * cloud.height);
+  uint8_t* out = cloud.data.data();
+  for (int row = 0; row < field.frame.size.height; ++row)
+    for (int column = 0; column < field.frame.size.width; ++column, out += cloud.point_step) {
+      std::array<float, kFields.size()> values;
+      values.fill(kNaN);
+      const cv::Vec3f& d = field.displacement_pmr.at<cv::Vec3f>(row, column);
+      if (!std::isnan(d[0])) {
+        const cv::Vec3f& p = field.start_pmr.at<cv::Vec3f>(row, column);
+        const cv::Vec3b& c = field.colour.at<cv::Vec3b>(row, column);
+        const uint32_t rgb = uint32_t{c[2]} << 16 | uint32_t{c[1]} << 8 | uint32_t{c[0]};
+        float packed;
+        std::memcpy(&packed, &rgb, sizeof packed);
+        values = {p[0], p[1], p[2], d[0], d[1], d[2], packed, field.confidence.at<float>(row, column)};
+      }
+      std::memcpy(out, values.data(), sizeof values);
+    }
+  return message;
+}
+
+DisplacementField fieldFromMessage(const cortshift_msgs::DisplacementField& message) {
+  const sensor_msgs::PointCloud2& cloud = message.points;
+  std::array<uint32_t, kFields.size()> offsets{};
+  for (std::size_t i = 0; i < kFields.size(); ++i) {
+    const sensor_msgs::PointField* found = nullptr;
+    for (const auto& entry : cloud.fields)
+      if (entry.name == kFields[i]) found = &entry;
+    if (found == nullptr || found->datatype != sensor_msgs::PointField::FLOAT32 ||
+        found->offset + sizeof(float) > cloud.point_step)
+      throw MessageError(std::string("displacement field: points lack a float32 field '") + kFields[i] + "'");
+    offsets[i] = found->offset;
+  }
+  if (cloud.is_bigendian || cloud.width == 0 || cloud.height == 0 ||
+      cloud.row_step < uint64_t{cloud.width} * cloud.point_step ||
+      cloud.data.size() < uint64_t{cloud.row_step} * cloud.height || !(message.resolution > 0))
+    throw MessageError("displacement field: the size of its points does not fit its data");
+
+  DisplacementField field;
+  field.frame.T_pmr_projection = cortshift_stereo::isometryFromMessage(message.projection);
+  field.frame.resolution = message.resolution;
+  field.frame.size = cv::Size(static_cast<int>(cloud.width), static_cast<int>(cloud.height));
+  field.start_pmr = cv::Mat(field.frame.size, CV_32FC3, cv::Scalar::all(kNaN));
+  field.displacement_pmr = field.start_pmr.clone();
+  field.colour = cv::Mat::zeros(field.frame.size, CV_8UC3);
+  field.confidence = cv::Mat::zeros(field.frame.size, CV_32FC1);
+  for (int row = 0; row < field.frame.size.height; ++row)
+    for (int column = 0; column < field.frame.size.width; ++column) {
+      const uint8_t* in = cloud.data.data() + std::size_t{cloud.row_step} * static_cast<std::size_t>(row) +
+                          std::size_t{cloud.point_step} * static_cast<std::size_t>(column);
+      std::array<float, kFields.size()> v;
+      for (std::size_t i = 0; i < v.size(); ++i) std::memcpy(&v[i], in + offsets[i], sizeof(float));
+      if (std::isnan(v[0]) || std::isnan(v[3])) continue;
+      field.start_pmr.at<cv::Vec3f>(row, column) = cv::Vec3f(v[0], v[1], v[2]);
+      field.displacement_pmr.at<cv::Vec3f>(row, column) = cv::Vec3f(v[3], v[4], v[5]);
+      uint32_t rgb;
+      std::memcpy(&rgb, &v[6], sizeof rgb);
+      field.colour.at<cv::Vec3b>(row, column) =
+          cv::Vec3b(static_cast<uchar>(rgb), static_cast<uchar>(rgb >> 8), static_cast<uchar>(rgb >> 16));
+      field.confidence.at<float>(row, column) = v[7];
+    }
+  return field;
+}
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,51 @@
+#include "cortshift_tracking/ros/parameters.hpp"
+
+#include <cmath>
+#include <vector>
+
+#include "cortshift_stereo/ros/parameter_reader.hpp"
+
+namespace cortshift_tracking {
+
+ShiftTrackerParameters ShiftTrackerParameters::load(const ros::NodeHandle& private_node) {
+  ShiftTrackerParameters p;
+  cortshift_stereo::ParameterReader reader(private_node);
+  reader.choice("case_folder", p.case_folder);
+  reader.number("capture_timeout", p.capture_timeout, 0.1, 600.0);
+  reader.number("max_surface_age", p.max_surface_age, 0.0, 3600.0);
+  reader.number("max_pose_gap", p.max_pose_gap, 0.001, 10.0);
+  std::vector<double> gravity;
+  reader.numbers("gravity", gravity, 3);
+  reader.number("arrow_spacing", p.arrow_spacing, 0.0005, 0.05);
+
+  ShiftSettings& s = p.shift;
+  reader.number("resolution", s.frame.resolution, 0.00005, 0.001);
+  reader.number("margin", s.frame.margin, 0.0, 0.02);
+  reader.number("max_edge_ratio", s.projection.max_edge_ratio, 2.0, 50.0);
+  reader.number("fold_tolerance", s.projection.fold_tolerance, 0.0, 0.01);
+  reader.choice("channels", s.registration.channels, {"rgb", "green", "blue", "luminance"});
+  std::string inversion = "linear";
+  reader.choice("inversion", inversion, {"linear", "nearest"});
+  s.inversion.interpolation = inversion == "linear" ? Interpolation::kLinear : Interpolation::kNearest;
+  reader.number("min_confidence", s.inversion.min_confidence, 0.0, 1.0);
+  reader.number("border", s.trust.border, 0.0, 0.02);
+  reader.number("glare", s.trust.glare, 0.5, 1.0);
+  reader.number("glare_margin", s.trust.glare_margin, 0.0, 0.01);
+  reader.number("match_window", s.trust.match_window, 0.0005, 0.02);
+  reader.number("image_noise", s.trust.image_noise, 0.0, 0.2);
+  int threads = 0;
+  reader.number("threads", threads, 0, 64);
+  s.setThreads(threads);
+  reader.finish();
+
+  if (!gravity.empty()) {
+    const Eigen::Vector3d direction(gravity[0], gravity[1], gravity[2]);
+    if (!direction.allFinite() || !(direction.norm() > 1e-6))
+      throw cortshift_stereo::ParameterError(
+          "parameter gravity is not a direction; give three numbers in pmr, for instance [0, -1, 0], or none");
+    p.gravity_pmr = direction.normalized();
+  }
+  return p;
+}
+
+}  // namespace cortshift_tracking

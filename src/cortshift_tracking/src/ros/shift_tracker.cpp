@@ -1,0 +1,373 @@
+#include "cortshift_tracking/ros/shift_tracker.hpp"
+
+#include <cortshift_msgs/TriggerCapture.h>
+#include <cv_bridge/cv_bridge.h>
+#include <sensor_msgs/Image.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <future>
+#include <thread>
+
+#include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/pictures.hpp"
+#include "cortshift_tracking/ros/field_message.hpp"
+#include "cortshift_tracking/ros/markers.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+const char* const kTrigger = "/stereo_driver/trigger";
+const char* const kReconstructionStatus = "surface_reconstruction: surface";
+const ros::WallDuration kPoseWait(0.5);  // for tracker samples that are still under way
+
+std::string seconds(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1f s", value);
+  return text;
+}
+
+std::string caseFolder(const ShiftTrackerParameters& parameters) {
+  if (!parameters.case_folder.empty()) return parameters.case_folder;
+  // A restarted node finds its case again; another master starts another.
+  std::string run;
+  if (!ros::param::get("/run_id", run) || run.empty())
+    throw TrackingError("case_folder is empty and the master has no /run_id; set case_folder");
+  const char* ros_home = std::getenv("ROS_HOME");
+  const char* home = std::getenv("HOME");
+  if (ros_home == nullptr && home == nullptr)
+    throw TrackingError("case_folder is empty and HOME not set; set case_folder");
+  return (ros_home != nullptr ? std::string(ros_home) : std::string(home) + "/.ros") + "/cortshift/case-" + run;
+}
+
+std::string withoutSlash(const std::string& frame) {
+  return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
+}
+
+geometry_msgs::Pose unknownPose() {
+  geometry_msgs::Pose pose;
+  pose.position.x = pose.position.y = pose.position.z = kUnknown;
+  pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = kUnknown;
+  return pose;
+}
+
+/// Fires the driver. A driver that hangs is left behind when the deadline passes.
+/// @return stamp of the pair
+ros::Time fireTrigger(ros::ServiceClient trigger, SurfaceInbox::Deadline deadline) {
+  struct Call {
+    cortshift_msgs::TriggerCapture service;
+    std::promise<bool> answered;
+  };
+  const auto call = std::make_shared<Call>();
+  std::future<bool> answered = call->answered.get_future();
+  std::thread([call, trigger]() mutable { call->answered.set_value(trigger.call(call->service)); }).detach();
+  if (answered.wait_until(deadline) != std::future_status::ready)
+    throw TrackingError(std::string("the driver did not answer ") + kTrigger + "; check the cameras");
+  if (!answered.get()) throw TrackingError(std::string("the call of ") + kTrigger + " failed; check the driver");
+  if (!call->service.response.success)
+    throw TrackingError("the driver took no pair: " + call->service.response.message);
+  return call->service.response.stamp;
+}
+
+diagnostic_msgs::KeyValue entry(const std::string& key, const std::string& value) {
+  diagnostic_msgs::KeyValue pair;
+  pair.key = key;
+  pair.value = value;
+  return pair;
+}
+
+}  // namespace
+
+struct ShiftTracker::Status {
+  unsigned long surfaces = 0, malformed = 0;
+  std::string last_malformed;                           // reason
+  std::string reconstruction, drop_reason, drop_stamp;  // what the reconstruction says
+  std::string last_shift, last_refusal;
+};
+
+ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::NodeHandle& private_node)
+    : parameters_(parameters),
+      store_(caseFolder(parameters)),
+      poses_(parameters.max_pose_gap),
+      status_(std::make_unique<Status>()),
+      service_node_(private_node) {
+  ROS_INFO_STREAM("case folder " << store_.folder() << ", " << store_.list().size()
+                                 << " stages; to go on with this case later set case_folder to it");
+  data_node_.setCallbackQueue(&data_queue_);
+  service_node_.setCallbackQueue(&service_queue_);
+  pairs_ = std::make_unique<PairHistory>(data_node_);
+  surfaces_ = data_node_.subscribe("/surface/points", 2, &ShiftTracker::onSurface, this);
+  diagnostics_in_ = data_node_.subscribe("/diagnostics", 20, &ShiftTracker::onDiagnostics, this);
+
+  field_ = data_node_.advertise<cortshift_msgs::DisplacementField>("/shift/field", 1, true);
+  points_ = data_node_.advertise<sensor_msgs::PointCloud2>("/shift/points", 1, true);
+  markers_ = data_node_.advertise<visualization_msgs::MarkerArray>("/shift/markers", 1, true);
+  overlay_before_ = data_node_.advertise<sensor_msgs::Image>("/shift/overlay_before", 1, true);
+  overlay_after_ = data_node_.advertise<sensor_msgs::Image>("/shift/overlay_after", 1, true);
+  magnitude_ = data_node_.advertise<sensor_msgs::Image>("/shift/magnitude", 1, true);
+  diagnostics_ = data_node_.advertise<diagnostic_msgs::DiagnosticArray>("/diagnostics", 10);
+  trigger_ = service_node_.serviceClient<cortshift_msgs::TriggerCapture>(kTrigger);
+  timer_ = data_node_.createWallTimer(ros::WallDuration(1.0), &ShiftTracker::onTimer, this);
+
+  // Services last: a request finds everything in place. Data flow on threads of their own while a request waits.
+  data_spinner_ = std::make_unique<ros::AsyncSpinner>(2, &data_queue_);
+  data_spinner_->start();
+  capture_ = service_node_.advertiseService("capture_stage", &ShiftTracker::onCapture, this);
+  list_ = service_node_.advertiseService("list_stages", &ShiftTracker::onList, this);
+  delete_ = service_node_.advertiseService("delete_stage", &ShiftTracker::onDelete, this);
+  compute_ = service_node_.advertiseService("compute_shift", &ShiftTracker::onCompute, this);
+  service_spinner_ = std::make_unique<ros::AsyncSpinner>(3, &service_queue_);
+  service_spinner_->start();
+}
+
+ShiftTracker::~ShiftTracker() {
+  service_spinner_->stop();
+  data_spinner_->stop();
+}
+
+bool ShiftTracker::onCapture(cortshift_msgs::CaptureStage::Request& request,
+                             cortshift_msgs::CaptureStage::Response& response) {
+  try {
+    store_.requireFree(request.key);  // before anything is fired
+    const std::lock_guard<std::mutex> guard(capture_mutex_);
+    const sensor_msgs::PointCloud2ConstPtr surface = awaitSurface(request.key);
+    std::string remarks;
+    const StageRecord record = makeRecord(request.key, request.note, surface, remarks);
+    store_.add(record);
+    response.success = true;
+    response.stage = record.info;
+    response.message = "stage '" + request.key + "' is stored (" + std::to_string(record.info.valid_points) +
+                       " points, " + std::to_string(static_cast<int>(100 * record.info.coverage)) + " % of the image)" +
+                       remarks;
+    ROS_INFO_STREAM(response.message);
+  } catch (const std::exception& error) {  // whatever a request does, the node goes on
+    response.success = false;
+    response.message = error.what();
+    ROS_WARN_STREAM("capture_stage refused: " << error.what());
+    const std::lock_guard<std::mutex> guard(status_mutex_);
+    status_->last_refusal = error.what();
+  }
+  return true;
+}
+
+sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitSurface(const std::string& key) {
+  const auto deadline =
+      std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+                                             std::chrono::duration<double>(parameters_.capture_timeout));
+  if (trigger_.exists()) {
+    ros::Time stamp;
+    try {
+      stamp = fireTrigger(trigger_, deadline);
+    } catch (const TrackingError& error) {
+      throw TrackingError("stage '" + key + "' was not captured: " + error.what());
+    }
+    if (auto surface = inbox_.waitForStamp(stamp, deadline)) return surface;
+    throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
+                        " no surface of the pair at " + std::to_string(stamp.toSec()) + " arrived on /surface/points" +
+                        whyNoSurface());
+  }
+  if (auto surface = inbox_.waitForRecent(ros::Duration(parameters_.max_surface_age), deadline)) return surface;
+  throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
+                      " no surface arrived on /surface/points that is at most " + seconds(parameters_.max_surface_age) +
+                      " older than the request" + whyNoSurface());
+}
+
+std::string ShiftTracker::whyNoSurface() const {
+  const std::lock_guard<std::mutex> guard(status_mutex_);
+  std::string why;
+  const ros::Time newest = inbox_.newestStamp();
+  why += newest.isZero() ? "; none has come since the node started"
+                         : "; the newest is of " + std::to_string(newest.toSec());
+  if (!status_->last_malformed.empty()) why += "; the last malformed one: " + status_->last_malformed;
+  if (!status_->drop_reason.empty())
+    why += "; the reconstruction last dropped a pair (" + status_->drop_stamp + "): " + status_->drop_reason;
+  else if (!status_->reconstruction.empty())
+    why += "; the reconstruction says: " + status_->reconstruction;
+  else
+    why += "; nothing is heard of the reconstruction: check that surface_reconstruction runs and images flow";
+  return why;
+}
+
+StageRecord ShiftTracker::makeRecord(const std::string& key, const std::string& note,
+                                     const sensor_msgs::PointCloud2ConstPtr& surface, std::string& remarks) {
+  const cortshift_stereo::Surface converted = cortshift_stereo::surfaceFromPointCloud2(*surface);
+  averageNormal(converted);  // a surface that no shift can be computed from is refused now
+  StageRecord record;
+  record.surface = surface;
+  record.info.key = key;
+  record.info.note = note;
+  record.info.stamp = surface->header.stamp;
+  record.info.valid_points = 0;
+  for (auto it = converted.points.begin<cv::Vec3f>(); it != converted.points.end<cv::Vec3f>(); ++it)
+    if ((*it)[0] == (*it)[0]) ++record.info.valid_points;
+  record.info.coverage = record.info.valid_points / static_cast<double>(converted.points.total());
+  pairs_->fill(record);
+  const bool has_pair = (record.left && record.right) || (record.left_compressed && record.right_compressed);
+  if (!has_pair) remarks += "; without its raw pair, which was not seen";
+  if (record.settings) {
+    record.info.settings = *record.settings;
+  } else {
+    record.info.settings.header.stamp = record.info.stamp;
+    record.info.settings.magnification = record.info.settings.focal_length = kUnknown;
+  }
+  addTransforms(record, remarks);
+  return record;
+}
+
+void ShiftTracker::addTransforms(StageRecord& record, std::string& remarks) {
+  const ros::Time& stamp = record.info.stamp;
+  try {
+    record.info.camera_pose = cortshift_stereo::toPose(poses_.lookup("pmr", "left_optical", stamp, kPoseWait));
+  } catch (const std::exception& error) {
+    record.info.camera_pose = unknownPose();
+    remarks += std::string("; camera pose not known: ") + error.what();
+    return;
+  }
+  const auto edge = [&](const char* parent, const char* child) {
+    geometry_msgs::TransformStamped transform;
+    transform.header.stamp = stamp;
+    transform.header.frame_id = parent;
+    transform.child_frame_id = child;
+    transform.transform = cortshift_stereo::toTransform(poses_.lookup(parent, child, stamp, ros::WallDuration(0)));
+    return transform;
+  };
+  try {
+    record.tf_static.transforms = {edge("pmr", "reference"), edge("microscope", "left_optical"),
+                                   edge("left_optical", "right_optical")};
+    record.tf.transforms = {edge("reference", "microscope")};
+  } catch (const cortshift_stereo::PoseError&) {  // a tree without those frames in between
+    record.tf_static.transforms.clear();
+    record.tf.transforms = {edge("pmr", "left_optical")};
+  }
+}
+
+bool ShiftTracker::onList(cortshift_msgs::ListStages::Request&, cortshift_msgs::ListStages::Response& response) {
+  response.stages = store_.list();
+  return true;
+}
+
+bool ShiftTracker::onDelete(cortshift_msgs::DeleteStage::Request& request,
+                            cortshift_msgs::DeleteStage::Response& response) {
+  try {
+    store_.remove(request.key);
+    response.success = true;
+    response.message = "stage '" + request.key + "' is deleted";
+    ROS_INFO_STREAM(response.message);
+  } catch (const std::exception& error) {
+    response.success = false;
+    response.message = error.what();
+  }
+  return true;
+}
+
+bool ShiftTracker::onCompute(cortshift_msgs::ComputeShift::Request& request,
+                             cortshift_msgs::ComputeShift::Response& response) {
+  try {
+    const std::lock_guard<std::mutex> guard(compute_mutex_);
+    const std::size_t from = store_.indexOf(request.from_key), to = store_.indexOf(request.to_key);
+    if (from == to)
+      throw TrackingError("from and to are both stage '" + request.from_key + "'; give two different stages");
+    if (from > to)
+      throw TrackingError("stage '" + request.from_key + "' was captured after '" + request.to_key +
+                          "'; the shift goes from an earlier to a later stage: swap the two");
+    const StageRecord earlier = store_.load(request.from_key), later = store_.load(request.to_key);
+    const Directions directions{firstNormal(), parameters_.gravity_pmr};
+    const ShiftResult result =
+        computeShift(cortshift_stereo::surfaceFromPointCloud2(*earlier.surface),
+                     cortshift_stereo::surfaceFromPointCloud2(*later.surface), directions, parameters_.shift);
+    publish(result, earlier.info, later.info);
+    response.success = true;
+    response.summary = toMessage(result.summary, request.from_key, request.to_key);
+    response.message = "shift " + request.from_key + " to " + request.to_key + ": " + toText(result.summary);
+    ROS_INFO_STREAM(response.message);
+    const std::lock_guard<std::mutex> status_guard(status_mutex_);
+    status_->last_shift = response.message;
+  } catch (const std::exception& error) {
+    response.success = false;
+    response.message = "no shift from '" + request.from_key + "' to '" + request.to_key + "': " + error.what();
+    ROS_WARN_STREAM("compute_shift refused: " << response.message);
+    const std::lock_guard<std::mutex> guard(status_mutex_);
+    status_->last_refusal = response.message;
+  }
+  return true;
+}
+
+Eigen::Vector3d ShiftTracker::firstNormal() {
+  const std::string key = store_.list().front().key;
+  if (key != first_key_) {
+    first_normal_ = averageNormal(cortshift_stereo::surfaceFromPointCloud2(*store_.load(key).surface));
+    first_key_ = key;
+  }
+  return first_normal_;
+}
+
+void ShiftTracker::publish(const ShiftResult& result, const cortshift_msgs::StageInfo& from,
+                           const cortshift_msgs::StageInfo& to) {
+  const cortshift_msgs::DisplacementField field = toMessage(result.field, result.summary, from, to);
+  points_.publish(field.points);
+  markers_.publish(arrowsOf(result.field, field.header, parameters_.arrow_spacing));
+  const auto picture = [&](const ros::Publisher& publisher, const cv::Mat& image) {
+    publisher.publish(cv_bridge::CvImage(field.header, "bgr8", image).toImageMsg());
+  };
+  picture(overlay_before_, overlayBefore(result));
+  picture(overlay_after_, overlayAfter(result));
+  picture(magnitude_, magnitudeMap(result));
+  field_.publish(field);
+}
+
+void ShiftTracker::onSurface(const sensor_msgs::PointCloud2ConstPtr& surface) {
+  std::string reason;
+  try {
+    if (withoutSlash(surface->header.frame_id) != "pmr")
+      throw TrackingError("its frame is '" + surface->header.frame_id + "', not pmr");
+    cortshift_stereo::surfaceFromPointCloud2(*surface);
+    inbox_.put(surface);
+  } catch (const std::exception& error) {
+    reason = error.what();
+    ROS_ERROR_STREAM_THROTTLE(5, "a surface on /surface/points is not usable: " << reason);
+  }
+  const std::lock_guard<std::mutex> guard(status_mutex_);
+  ++status_->surfaces;
+  status_->last_malformed = reason;
+  if (!reason.empty()) ++status_->malformed;
+}
+
+void ShiftTracker::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
+  for (const diagnostic_msgs::DiagnosticStatus& status : message->status) {
+    if (status.name != kReconstructionStatus) continue;
+    const std::lock_guard<std::mutex> guard(status_mutex_);
+    status_->reconstruction = status.message;
+    for (const diagnostic_msgs::KeyValue& value : status.values) {
+      if (value.key == "last_drop_reason") status_->drop_reason = value.value;
+      if (value.key == "last_drop_stamp") status_->drop_stamp = value.value;
+    }
+  }
+}
+
+void ShiftTracker::onTimer(const ros::WallTimerEvent&) {
+  diagnostic_msgs::DiagnosticArray message;
+  message.header.stamp = ros::Time::now();
+  message.status.resize(2);
+  diagnostic_msgs::DiagnosticStatus &stages = message.status[0], &surfaces = message.status[1];
+  stages.name = "shift_tracker: stages";
+  const std::vector<std::string>& aside = store_.setAside();
+  stages.level = aside.empty() ? diagnostic_msgs::DiagnosticStatus::OK : diagnostic_msgs::DiagnosticStatus::WARN;
+  stages.message = aside.empty() ? "ok" : std::to_string(aside.size()) + " files of the case folder are not stages";
+  stages.values = {entry("case_folder", store_.folder().string()),
+                   entry("stages", std::to_string(store_.list().size()))};
+  for (const std::string& file : aside) stages.values.push_back(entry("set_aside", file));
+  const std::lock_guard<std::mutex> guard(status_mutex_);
+  stages.values.push_back(entry("last_shift", status_->last_shift));
+  stages.values.push_back(entry("last_refusal", status_->last_refusal));
+  surfaces.name = "shift_tracker: surfaces";
+  const bool bad = !status_->last_malformed.empty();
+  surfaces.level = bad ? diagnostic_msgs::DiagnosticStatus::ERROR : diagnostic_msgs::DiagnosticStatus::OK;
+  surfaces.message = bad ? "the last surface is not usable: " + status_->last_malformed : "ok";
+  surfaces.values = {entry("received", std::to_string(status_->surfaces)),
+                     entry("malformed", std::to_string(status_->malformed)),
+                     entry("newest_stamp", std::to_string(inbox_.newestStamp().toSec()))};
+  diagnostics_.publish(message);
+}
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,78 @@
+#include "cortshift_tracking/shift.hpp"
+
+#include <chrono>
+#include <string>
+
+#include "cortshift_tracking/error.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+class Stopwatch {
+ public:
+  /// Seconds since the last call, or since construction.
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const double seconds = std::chrono::duration<double>(now - last_).count();
+    last_ = now;
+    return seconds;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+std::string percent(double part) { return std::to_string(static_cast<int>(100 * part)) + " %"; }
+
+}  // namespace
+
+void ShiftSettings::validate() const {
+  frame.validate();
+  projection.validate();
+  registration.validate();
+  trust.validate();
+  inversion.validate();
+}
+
+void ShiftSettings::setThreads(int threads) {
+  projection.threads = threads;
+  registration.flow.threads = threads;
+  inversion.threads = threads;
+}
+
+ShiftResult computeShift(const cortshift_stereo::Surface& earlier_pmr, const cortshift_stereo::Surface& later_pmr,
+                         const Directions& directions, const ShiftSettings& settings) {
+  settings.validate();
+  Stopwatch watch;
+  ShiftResult result;
+  const ProjectionFrame frame = fitProjectionFrame(earlier_pmr, settings.frame);
+  result.earlier = project(earlier_pmr, frame, settings.projection);
+  result.later = project(later_pmr, frame, settings.projection);
+  const cv::Mat earlier_usable = usableMask(result.earlier, settings.trust),
+                later_usable = usableMask(result.later, settings.trust);
+  const double overlap = overlapOf(result.earlier, result.later);
+  if (!(overlap > 0))
+    throw TrackingError("the two surfaces do not overlap in the projection; check the registration of both stages");
+  const double projection_seconds = watch.lap();
+
+  const cortshift_flow::FlowResult registered =
+      registerProjections(result.earlier, result.later, earlier_usable, later_usable, settings.registration);
+  result.flow = registered.flow;
+  const double flow_seconds = watch.lap();
+
+  const cv::Mat confidence = combineConfidence(result.earlier, result.later, registered.flow, registered.confidence,
+                                               earlier_usable, later_usable, settings.trust);
+  result.field = invert(frame, result.earlier, result.later, registered.flow, confidence, settings.inversion);
+  const double inversion_seconds = watch.lap();
+
+  result.summary = summarise(result.field, overlap, directions.first_normal_pmr, directions.gravity_pmr);
+  result.summary.projection_seconds = projection_seconds;
+  result.summary.flow_seconds = flow_seconds;
+  result.summary.inversion_seconds = inversion_seconds;
+  if (result.summary.valid_points == 0)
+    throw TrackingError("no displacement can be trusted (overlap " + percent(overlap) +
+                        "); capture a stage with the same cortex in view, in focus and free of blood");
+  return result;
+}
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,332 @@
+// The node from outside: synthetic surfaces in, services and topics out.
+#include <cortshift_msgs/CaptureStage.h>
+#include <cortshift_msgs/ComputeShift.h>
+#include <cortshift_msgs/DeleteStage.h>
+#include <cortshift_msgs/DisplacementField.h>
+#include <cortshift_msgs/ListStages.h>
+#include <diagnostic_msgs/DiagnosticArray.h>
+#include <gtest/gtest.h>
+#include <ros/ros.h>
+#include <sensor_msgs/Image.h>
+#include <tf2_msgs/TFMessage.h>
+#include <visualization_msgs/MarkerArray.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <vector>
+
+#include "analytic_scene.hpp"
+#include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/ros/field_message.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+constexpr double kDegree = M_PI / 180;
+
+template <typename Message>
+boost::shared_ptr<Message const> latched(const std::string& topic) {
+  return ros::topic::waitForMessage<Message>(topic, ros::Duration(10));
+}
+
+class ShiftTrackerNode : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    scene = std::make_unique<AnalyticScene>(standardScene());
+    camera = scene->cameraAt(0.3, 0, 0, 0, {360, 270}, 0.03);
+    rest = scene->see(camera, AnalyticScene::atRest());
+    sagged = scene->see(scene->cameraAt(0.305, 6 * kDegree, 0.002, 12 * kDegree, {360, 270}, 0.032), kSag);
+    ros::NodeHandle node;
+    surfaces = node.advertise<sensor_msgs::PointCloud2>("/surface/points", 2);
+    diagnostics = node.advertise<diagnostic_msgs::DiagnosticArray>("/diagnostics", 2);
+    tf = node.advertise<tf2_msgs::TFMessage>("/tf_static", 1, true);
+    tf2_msgs::TFMessage message;
+    geometry_msgs::TransformStamped edge;
+    edge.header.frame_id = "pmr";
+    edge.child_frame_id = "left_optical";
+    edge.transform = cortshift_stereo::toTransform(camera.T_pmr_camera);
+    message.transforms = {edge};
+    tf.publish(message);
+    ASSERT_TRUE(ros::service::waitForService("/shift_tracker/compute_shift", ros::Duration(30)));
+    const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(20);
+    while (surfaces.getNumSubscribers() == 0 || diagnostics.getNumSubscribers() == 0) {
+      ASSERT_LT(ros::WallTime::now(), end);
+      ros::WallDuration(0.01).sleep();
+    }
+  }
+
+  static void TearDownTestSuite() {
+    surfaces.shutdown();
+    diagnostics.shutdown();
+    tf.shutdown();
+    std::string folder;
+    if (ros::param::get("~case_folder", folder)) std::filesystem::remove_all(folder);
+  }
+
+  void SetUp() override {
+    for (const auto& stage : list()) {
+      cortshift_msgs::DeleteStage service;
+      service.request.key = stage.key;
+      ASSERT_TRUE(ros::service::call("/shift_tracker/delete_stage", service));
+      ASSERT_TRUE(service.response.success) << service.response.message;
+    }
+  }
+
+  /// Publishes and waits until the node says that it has it.
+  static void publish(const sensor_msgs::PointCloud2& cloud) {
+    surfaces.publish(cloud);
+    ros::WallDuration(0.5).sleep();
+  }
+
+  static sensor_msgs::PointCloud2 cloudOf(const cortshift_stereo::Surface& surface, const ros::Time& stamp) {
+    std_msgs::Header header;
+    header.frame_id = "pmr";
+    header.stamp = stamp;
+    return cortshift_stereo::toPointCloud2(surface, header);
+  }
+
+  static cortshift_msgs::CaptureStage::Response capture(const std::string& key, const std::string& note = "") {
+    cortshift_msgs::CaptureStage service;
+    service.request.key = key;
+    service.request.note = note;
+    EXPECT_TRUE(ros::service::call("/shift_tracker/capture_stage", service));
+    return service.response;
+  }
+
+  static cortshift_msgs::ComputeShift::Response compute(const std::string& from, const std::string& to) {
+    cortshift_msgs::ComputeShift service;
+    service.request.from_key = from;
+    service.request.to_key = to;
+    EXPECT_TRUE(ros::service::call("/shift_tracker/compute_shift", service));
+    return service.response;
+  }
+
+  static std::vector<cortshift_msgs::StageInfo> list() {
+    cortshift_msgs::ListStages service;
+    EXPECT_TRUE(ros::service::call("/shift_tracker/list_stages", service));
+    return service.response.stages;
+  }
+
+  static bool holds(const std::string& text, const std::string& part) {
+    if (text.find(part) != std::string::npos) return true;
+    ADD_FAILURE() << "'" << part << "' is not in: " << text;
+    return false;
+  }
+
+  static const AnalyticScene::Deformation kSag;
+  static std::unique_ptr<AnalyticScene> scene;
+  static PinholeCamera camera;
+  static cortshift_stereo::Surface rest, sagged;
+  static ros::Publisher surfaces, diagnostics, tf;
+};
+
+const AnalyticScene::Deformation ShiftTrackerNode::kSag = sagAndShift(0.005, 0.0015);
+std::unique_ptr<AnalyticScene> ShiftTrackerNode::scene;
+PinholeCamera ShiftTrackerNode::camera;
+cortshift_stereo::Surface ShiftTrackerNode::rest, ShiftTrackerNode::sagged;
+ros::Publisher ShiftTrackerNode::surfaces, ShiftTrackerNode::diagnostics, ShiftTrackerNode::tf;
+
+TEST_F(ShiftTrackerNode, TimesOutWithTheReasonOfTheReconstruction) {
+  diagnostic_msgs::DiagnosticArray message;
+  message.status.resize(1);
+  message.status[0].name = "surface_reconstruction: surface";
+  message.status[0].values.resize(2);
+  message.status[0].values[0].key = "last_drop_reason";
+  message.status[0].values[0].value = "no pose of microscope near the stamp";
+  message.status[0].values[1].key = "last_drop_stamp";
+  message.status[0].values[1].value = "12.5";
+  diagnostics.publish(message);
+  ros::WallDuration(0.3).sleep();
+  const auto response = capture("never");
+  EXPECT_FALSE(response.success);
+  holds(response.message, "'never'");
+  holds(response.message, "/surface/points");
+  holds(response.message, "no pose of microscope near the stamp");
+  holds(response.message, "12.5");
+  EXPECT_TRUE(list().empty());
+}
+
+TEST_F(ShiftTrackerNode, RefusesBadKeysAtOnce) {
+  const ros::WallTime begin = ros::WallTime::now();
+  for (const std::string& key : {std::string(), std::string("a b"), std::string("../x"), std::string(65, 'k'),
+                                 std::string("caf\xc3\xa9"), std::string("n\0l", 3)}) {
+    const auto response = capture(key);
+    EXPECT_FALSE(response.success) << key;
+    holds(response.message, "1-64 of A-Z a-z 0-9 _ -");
+  }
+  EXPECT_LT((ros::WallTime::now() - begin).toSec(), 1.9);  // none waited for a surface
+  EXPECT_TRUE(list().empty());
+}
+
+TEST_F(ShiftTrackerNode, MalformedSurfacesAreNamedAndSurvived) {
+  auto cloud = cloudOf(rest, ros::Time::now());
+  cloud.data.resize(cloud.data.size() / 2);
+  publish(cloud);
+  auto other_frame = cloudOf(rest, ros::Time::now());
+  other_frame.header.frame_id = "map";
+  publish(other_frame);
+  const auto response = capture("malformed");
+  EXPECT_FALSE(response.success);
+  holds(response.message, "its frame is 'map', not pmr");
+  bool reported = false;
+  for (int i = 0; i < 30 && !reported; ++i) {
+    const auto array = latched<diagnostic_msgs::DiagnosticArray>("/diagnostics");
+    ASSERT_TRUE(array);
+    for (const auto& status : array->status)
+      reported |= status.name == "shift_tracker: surfaces" && status.level == diagnostic_msgs::DiagnosticStatus::ERROR;
+  }
+  EXPECT_TRUE(reported);
+
+  auto empty = rest;
+  empty.points = cv::Mat(rest.points.size(), CV_32FC3, cv::Scalar::all(std::nan("")));
+  publish(cloudOf(empty, ros::Time::now()));
+  const auto nothing = capture("empty");
+  EXPECT_FALSE(nothing.success);
+  holds(nothing.message, "too few connected points");
+}
+
+TEST_F(ShiftTrackerNode, TakesARecentSurfaceAndRefusesAnOldOne) {
+  publish(cloudOf(rest, ros::Time::now() - ros::Duration(10)));
+  EXPECT_FALSE(capture("old").success);
+  const ros::Time stamp = ros::Time::now();
+  publish(cloudOf(rest, stamp));
+  const auto response = capture("now", "after opening");
+  ASSERT_TRUE(response.success) << response.message;
+  EXPECT_EQ(response.stage.key, "now");
+  EXPECT_EQ(response.stage.note, "after opening");
+  EXPECT_EQ(response.stage.stamp, stamp);
+  EXPECT_EQ(response.stage.valid_points, 360U * 270U);
+  EXPECT_DOUBLE_EQ(response.stage.coverage, 1.0);
+  EXPECT_TRUE(std::isnan(response.stage.settings.magnification));
+  EXPECT_NEAR(response.stage.camera_pose.position.x, camera.T_pmr_camera.translation()[0], 1e-9);
+
+  const auto again = capture("now");
+  EXPECT_FALSE(again.success);
+  holds(again.message, "'now' exists already");
+  ASSERT_EQ(list().size(), 1U);
+}
+
+TEST_F(ShiftTrackerNode, ASurfaceThatArrivesWhileTheRequestWaits) {
+  ros::WallDuration(2.5).sleep();  // what other tests published is too old by now
+  ros::AsyncSpinner spinner(1);
+  spinner.start();
+  const ros::Time asked = ros::Time::now();
+  ros::NodeHandle node;
+  const ros::WallTimer during = node.createWallTimer(
+      ros::WallDuration(0.7), [](const ros::WallTimerEvent&) { surfaces.publish(cloudOf(rest, ros::Time::now())); },
+      true);
+  const auto response = capture("waited");
+  ASSERT_TRUE(response.success) << response.message;
+  EXPECT_GE(response.stage.stamp, asked - ros::Duration(2.0));
+}
+
+TEST_F(ShiftTrackerNode, FieldHasTheNumbersOfTheTruth) {
+  publish(cloudOf(rest, ros::Time::now()));
+  ASSERT_TRUE(capture("a").success);
+  publish(cloudOf(sagged, ros::Time::now()));
+  ASSERT_TRUE(capture("b").success);
+  const auto stages = list();
+  ASSERT_EQ(stages.size(), 2U);
+  EXPECT_EQ(stages[0].key, "a");
+  EXPECT_EQ(stages[1].key, "b");
+
+  const auto answer = compute("a", "b");
+  ASSERT_TRUE(answer.success) << answer.message;
+  const auto message = latched<cortshift_msgs::DisplacementField>("/shift/field");
+  ASSERT_TRUE(message);
+  EXPECT_EQ(message->header.frame_id, "pmr");
+  EXPECT_EQ(message->header.stamp, stages[1].stamp);
+  EXPECT_EQ(message->from_key, "a");
+  EXPECT_EQ(message->to_key, "b");
+  EXPECT_EQ(message->from_stamp, stages[0].stamp);
+  EXPECT_EQ(message->to_stamp, stages[1].stamp);
+  EXPECT_EQ(message->resolution, 0.0001);
+  EXPECT_EQ(message->summary.valid_points, answer.summary.valid_points);
+
+  const DisplacementField field = fieldFromMessage(*message);
+  std::vector<double> errors;
+  double sum = 0, gravity = 0;
+  const Eigen::Vector3d down = Eigen::Vector3d(0.1, 0.2, -2.0).normalized();
+  for (int row = 0; row < field.frame.size.height; ++row)
+    for (int column = 0; column < field.frame.size.width; ++column) {
+      const cv::Vec3f p = field.start_pmr.at<cv::Vec3f>(row, column),
+                      d = field.displacement_pmr.at<cv::Vec3f>(row, column);
+      if (std::isnan(d[0])) continue;
+      const Eigen::Vector3d truth = scene->displacement_pmr({p[0], p[1], p[2]}, AnalyticScene::atRest(), kSag);
+      errors.push_back((truth - Eigen::Vector3d(d[0], d[1], d[2])).norm());
+      sum += truth.norm();
+      gravity += truth.dot(down);
+    }
+  ASSERT_EQ(errors.size(), answer.summary.valid_points);
+  ASSERT_GT(errors.size(), 20000U);
+  std::sort(errors.begin(), errors.end());
+  EXPECT_LT(errors[errors.size() / 2], 0.00003);
+  EXPECT_LT(errors[errors.size() * 95 / 100], 0.00015);
+  EXPECT_NEAR(answer.summary.magnitude_mean, sum / static_cast<double>(errors.size()), 3e-5);
+  EXPECT_NEAR(answer.summary.gravity_mean, gravity / static_cast<double>(errors.size()), 3e-5);
+  EXPECT_LT(answer.summary.normal_mean, -0.001);
+  EXPECT_GT(answer.summary.overlap, 0.7);
+  EXPECT_GT(answer.summary.compute_time, 0.0);
+
+  const auto points = latched<sensor_msgs::PointCloud2>("/shift/points");
+  ASSERT_TRUE(points);
+  EXPECT_EQ(points->data, message->points.data);
+  const auto markers = latched<visualization_msgs::MarkerArray>("/shift/markers");
+  ASSERT_TRUE(markers);
+  EXPECT_GT(markers->markers.size(), 20U);
+  for (const char* topic : {"/shift/overlay_before", "/shift/overlay_after", "/shift/magnitude"}) {
+    const auto image = latched<sensor_msgs::Image>(topic);
+    ASSERT_TRUE(image) << topic;
+    EXPECT_EQ(image->encoding, "bgr8");
+    EXPECT_EQ(image->width, 1024U);
+  }
+}
+
+TEST_F(ShiftTrackerNode, RefusesPairsThatMakeNoShift) {
+  const auto none = compute("a", "b");
+  EXPECT_FALSE(none.success);
+  holds(none.message, "none has been captured yet");
+  publish(cloudOf(rest, ros::Time::now()));
+  ASSERT_TRUE(capture("one").success);
+  ASSERT_TRUE(capture("two").success);
+  const auto unknown = compute("one", "three");
+  EXPECT_FALSE(unknown.success);
+  holds(unknown.message, "'three'");
+  holds(unknown.message, "there are: one, two");
+  const auto same = compute("one", "one");
+  EXPECT_FALSE(same.success);
+  holds(same.message, "two different stages");
+  const auto backwards = compute("two", "one");
+  EXPECT_FALSE(backwards.success);
+  holds(backwards.message, "captured after");
+  EXPECT_TRUE(compute("one", "two").success);
+}
+
+TEST_F(ShiftTrackerNode, DeletesOnlyWhatIsThere) {
+  publish(cloudOf(rest, ros::Time::now()));
+  ASSERT_TRUE(capture("one").success);
+  ASSERT_TRUE(capture("two").success);
+  cortshift_msgs::DeleteStage service;
+  service.request.key = "nine";
+  ASSERT_TRUE(ros::service::call("/shift_tracker/delete_stage", service));
+  EXPECT_FALSE(service.response.success);
+  holds(service.response.message, "there are: one, two");
+  service.request.key = "one";
+  ASSERT_TRUE(ros::service::call("/shift_tracker/delete_stage", service));
+  EXPECT_TRUE(service.response.success);
+  ASSERT_EQ(list().size(), 1U);
+  EXPECT_EQ(list()[0].key, "two");
+  EXPECT_TRUE(capture("one").success);  // the key is free again, and comes after "two" now
+  EXPECT_EQ(list()[1].key, "one");
+}
+
+}  // namespace
+}  // namespace cortshift_tracking
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "test_shift_tracker");
+  const ros::NodeHandle keep_alive;
+  return RUN_ALL_TESTS();
+}

@@ -1,0 +1,120 @@
+#include <gtest/gtest.h>
+
+#include <opencv2/imgproc.hpp>
+
+#include "cortshift_tracking/registration.hpp"
+#include "cortshift_tracking/trust.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+cv::Mat fullMask(int columns, int rows) { return cv::Mat(rows, columns, CV_8UC1, cv::Scalar(255)); }
+
+/// A covered projection of random texture.
+Projection textured(cv::Size size, std::uint64_t seed) {
+  Projection projection;
+  projection.resolution = 0.0001;
+  projection.colour.create(size, CV_32FC3);
+  cv::RNG random(seed);
+  random.fill(projection.colour, cv::RNG::UNIFORM, 0.2, 0.8);
+  cv::GaussianBlur(projection.colour, projection.colour, cv::Size(), 1.5);
+  projection.mask = cv::Mat(size, CV_8UC1, cv::Scalar(255));
+  projection.fold = cv::Mat::zeros(size, CV_8UC1);
+  projection.confidence = cv::Mat(size, CV_32FC1, cv::Scalar(1));
+  return projection;
+}
+
+TEST(ErodeBorder, TakesTheBorderFromTheOuterBoundary) {
+  const cv::Mat eroded = erodeBorder(fullMask(100, 80), 20);
+  EXPECT_EQ(cv::countNonZero(eroded), 60 * 40);
+  EXPECT_EQ(eroded.at<uchar>(20, 20), 255);
+  EXPECT_EQ(eroded.at<uchar>(19, 20), 0);
+}
+
+TEST(ErodeBorder, LargeHolesGrowAndSmallOnesDoNot) {
+  cv::Mat mask = fullMask(300, 200);
+  cv::circle(mask, {80, 100}, 15, 0, cv::FILLED);  // 3 mm wide
+  cv::circle(mask, {200, 100}, 7, 0, cv::FILLED);  // 1.4 mm wide
+  cv::line(mask, {150, 40}, {150, 160}, 0, 3);     // long but narrow
+  const cv::Mat eroded = erodeBorder(mask, 20);
+  EXPECT_EQ(eroded.at<uchar>(100, 80 + 30), 0);
+  EXPECT_EQ(eroded.at<uchar>(100, 80 + 37), 255);
+  EXPECT_EQ(eroded.at<uchar>(100, 200), 0);  // still a hole
+  EXPECT_EQ(eroded.at<uchar>(100, 200 + 9), 255);
+  EXPECT_EQ(eroded.at<uchar>(100, 150), 0);
+  EXPECT_EQ(eroded.at<uchar>(100, 154), 255);
+}
+
+TEST(ErodeBorder, ABayOpenToTheOutsideGrows) {
+  cv::Mat mask = fullMask(200, 200);
+  cv::rectangle(mask, cv::Rect(95, 0, 10, 100), 0, cv::FILLED);
+  EXPECT_EQ(erodeBorder(mask, 20).at<uchar>(60, 115), 0);
+}
+
+TEST(UsableMask, DropsGlareWithItsMarginAndFolds) {
+  Projection projection = textured({100, 100}, 1);
+  projection.colour.at<cv::Vec3f>(50, 50) = cv::Vec3f(1, 1, 1);
+  projection.colour.at<cv::Vec3f>(20, 20) = cv::Vec3f(0.3F, 0.3F, 1);  // bright red tissue is no highlight
+  projection.fold.at<uchar>(80, 80) = 255;
+  const cv::Mat usable = usableMask(projection);
+  EXPECT_EQ(usable.at<uchar>(50, 54), 0);
+  EXPECT_EQ(usable.at<uchar>(50, 56), 255);
+  EXPECT_EQ(usable.at<uchar>(20, 20), 255);
+  EXPECT_EQ(usable.at<uchar>(80, 80), 0);
+}
+
+TEST(MatchConfidence, FollowsTheCorrelationAndIgnoresGain) {
+  const Projection earlier = textured({160, 80}, 1);
+  Projection later = earlier;
+  later.colour = cv::Mat(0.8 * earlier.colour + cv::Scalar::all(0.05));        // a buffer of its own
+  textured({80, 80}, 2).colour.copyTo(later.colour(cv::Rect(80, 0, 80, 80)));  // right half: something else
+  cv::Mat bare_earlier = earlier.colour(cv::Rect(0, 0, 40, 80));               // left quarter: no texture
+  bare_earlier.setTo(cv::Scalar::all(0.5));
+  const cv::Mat flow = cv::Mat::zeros(80, 160, CV_32FC2), all = fullMask(160, 80);
+  const cv::Mat confidence = matchConfidence(earlier, later, flow, all, all);
+  EXPECT_LT(confidence.at<float>(40, 15), 0.1F);
+  EXPECT_GT(confidence.at<float>(40, 60), 0.9F);
+  EXPECT_LT(confidence.at<float>(40, 120), 0.3F);
+}
+
+TEST(CombineConfidence, TheWeakestCueDecidesAtBothEnds) {
+  Projection earlier = textured({200, 200}, 1), later = earlier;
+  later.colour = earlier.colour.clone();
+  earlier.confidence = cv::Mat(200, 200, CV_32FC1, cv::Scalar(0.8));
+  later.confidence = cv::Mat(200, 200, CV_32FC1, cv::Scalar(0.9));
+  later.confidence.at<float>(100, 110) = 0.4F;
+  const cv::Mat all = fullMask(200, 200), flow_confidence(200, 200, CV_32FC1, cv::Scalar(0.7));
+  cv::Mat flow = cv::Mat::zeros(200, 200, CV_32FC2);
+  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
+  EXPECT_NEAR(confidence.at<float>(100, 100), 0.7, 1e-6);
+  EXPECT_NEAR(confidence.at<float>(100, 110), 0.4, 1e-6);
+  EXPECT_EQ(confidence.at<float>(10, 100), 0);      // 1 mm from the border
+  flow.at<cv::Vec2f>(100, 100) = cv::Vec2f(85, 0);  // ends 1.5 mm from the border
+  confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
+  EXPECT_EQ(confidence.at<float>(100, 100), 0);
+}
+
+TEST(Overlap, IsAPartOfTheEarlierArea) {
+  Projection earlier = textured({100, 100}, 1), later = textured({100, 100}, 1);
+  earlier.mask.colRange(0, 20).setTo(0);
+  later.mask.colRange(60, 100).setTo(0);
+  EXPECT_DOUBLE_EQ(overlapOf(earlier, later), 0.5);
+}
+
+TEST(FillHoles, KeepsWhatIsThereAndContinuesItSmoothly) {
+  cv::Mat image(60, 80, CV_32FC3), mask = fullMask(80, 60);
+  for (int row = 0; row < 60; ++row)
+    for (int column = 0; column < 80; ++column)
+      image.at<cv::Vec3f>(row, column) = cv::Vec3f(0.01F * static_cast<float>(column), 0.3F, 0.6F);
+  cv::Mat holed = image.clone();
+  holed(cv::Rect(30, 20, 10, 10)).setTo(cv::Scalar::all(0));
+  mask(cv::Rect(30, 20, 10, 10)).setTo(0);
+  const cv::Mat filled = fillHoles(holed, mask);
+  EXPECT_LT(cv::norm(filled - image, cv::NORM_INF), 0.06);
+  cv::Mat difference = cv::abs(filled - image);
+  difference.setTo(cv::Scalar::all(0), mask == 0);
+  EXPECT_EQ(cv::norm(difference, cv::NORM_INF), 0);
+}
+
+}  // namespace
+}  // namespace cortshift_tracking
