@@ -171,8 +171,10 @@ class AravisCamera::Implementation {
     Object<ArvStream> stream(arv_camera_create_stream(camera.get(), nullptr, nullptr, check.slot()));
     check.that("no image stream");
     if (ARV_IS_GV_STREAM(stream.get()))
-      g_object_set(stream.get(), "frame-retention", static_cast<guint>(common_.frame_retention * kMicroseconds),
-                   nullptr);
+      // A whole image must fit into the socket's buffer: the system's default is too small for one.
+      g_object_set(stream.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_AUTO, "socket-buffer-size", 0,
+                   "packet-timeout", static_cast<guint>(common_.frame_retention * kMicroseconds / 5), "frame-retention",
+                   static_cast<guint>(common_.frame_retention * kMicroseconds), nullptr);
     const guint payload = arv_camera_get_payload(camera.get(), check.slot());
     check.that("no payload size");
     for (int i = 0; i < kBuffers; ++i) arv_stream_push_buffer(stream.get(), arv_buffer_new_allocate(payload));
