@@ -13,9 +13,9 @@ namespace cortshift_flow {
 namespace {
 
 constexpr double kHighPassSigma = 1;  // [px of the level]
-constexpr float kFlat = 0.002f;        // contrast below which there is no texture, 0...1
-constexpr float kFlatWindow = 0.1f;    // the same for the root mean square of a window of saturated contrast
-constexpr float kAgreement = 1.5f;     // forward and backward displacements may differ by this [px of the level]
+constexpr float kFlat = 0.002f;       // contrast below which there is no texture, 0...1
+constexpr float kFlatWindow = 0.1f;   // the same for the root mean square of a window of saturated contrast
+constexpr float kAgreement = 1.5f;    // forward and backward displacements may differ by this [px of the level]
 
 /// High-passed channels as padded planes; zero outside the image and where it is not valid, so that such pixels add
 /// nothing to a correlation.
@@ -71,11 +71,13 @@ Features makeFeatures(const cv::Mat4f& image, const cv::Mat1b& valid, int pad, i
 CORTSHIFT_VECTORISED
 void addProducts(const float* const* a, const float* const* b, float* sum, int count) {
   const float *a0 = a[0], *a1 = a[1], *a2 = a[2], *b0 = b[0], *b1 = b[1], *b2 = b[2];
+#pragma GCC ivdep
   for (int x = 0; x < count; ++x) sum[x] = a0[x] * b0[x] + a1[x] * b1[x] + a2[x] * b2[x];
 }
 
 CORTSHIFT_VECTORISED
 void slideDown(float* column_sums, const float* entering, const float* leaving, int count) {
+#pragma GCC ivdep
   for (int x = 0; x < count; ++x) column_sums[x] += entering[x] - leaving[x];
 }
 
@@ -83,6 +85,7 @@ void slideDown(float* column_sums, const float* entering, const float* leaving, 
 CORTSHIFT_VECTORISED
 void keepBetter(const float* column_sums, int window, const float* norm_a, const float* norm_b, float du, float dv,
                 float* best, float* u, float* v, int count) {
+#pragma GCC ivdep
   for (int x = 0; x < count; ++x) {
     float sum = 0;
     for (int k = -window; k <= window; ++k) sum += column_sums[x + k];
@@ -130,7 +133,7 @@ FlowPlanes search(const Features& from, const Features& to, int pad, const Coars
   FlowPlanes flow{Plane(size), Plane(size)};
   best = cv::Mat1f(size, 0.f);
   // Fixed bands: running sums give the same bits whoever computes them.
-  constexpr int kBand = 16;
+  constexpr int kBand = 24;
   const int bands = (size.height + kBand - 1) / kBand;
   cv::parallel_for_(
       cv::Range(0, bands),

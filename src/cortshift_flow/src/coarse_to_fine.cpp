@@ -10,8 +10,10 @@ namespace {
 CORTSHIFT_VECTORISED
 void doubleRow(const float* above, const float* below, float weight_below, float* blended, float* out, int coarse_width,
                int width) {
+#pragma GCC ivdep
   for (int x = 0; x < coarse_width; ++x) blended[x] = 2 * (above[x] + weight_below * (below[x] - above[x]));
   blended[coarse_width] = blended[coarse_width - 1];
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) out[x] = 0.5f * (blended[x / 2] + blended[(x + 1) / 2]);
 }
 

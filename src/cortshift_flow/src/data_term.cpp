@@ -66,9 +66,9 @@ void linearise(const ImagePair& images, const Plane& u, const Plane& v, const cv
   tensor.create(u.size());
   forRows(u.height(), threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)
-      lineariseRow(images, y, u.row(y), v.row(y), channel_weights,
-                   {tensor.xx.row(y), tensor.xy.row(y), tensor.yy.row(y), tensor.xt.row(y),
-                    tensor.yt.row(y), tensor.tt.row(y)});
+      lineariseRow(
+          images, y, u.row(y), v.row(y), channel_weights,
+          {tensor.xx.row(y), tensor.xy.row(y), tensor.yy.row(y), tensor.xt.row(y), tensor.yt.row(y), tensor.tt.row(y)});
   });
 }
 

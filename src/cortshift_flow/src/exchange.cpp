@@ -11,7 +11,9 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr float kClearlyBetter = 0.8f;   // of the present mismatch
+constexpr float kClearlyBetter = 0.8f;  // of the present mismatch
+constexpr float kSameFlow = 0.5f;       // a hypothesis closer than this to the present flow is not worth trying [px]
+constexpr std::size_t kDirections = 8;
 constexpr int kTile = 16;
 
 /// What one thread needs to try hypotheses on one tile.
@@ -42,43 +44,82 @@ void sumWindows(Workspace& w, int window, float* sums) {
   }
 }
 
-/// The flow `offset` away, or what it extrapolates to from twice as far.
-float hypothesis(const Plane& flow, int x, int y, const cv::Point& offset, bool linear) {
+/// The flow `offset` away, or what it extrapolates to from twice as far, for part of a row.
+void hypothesisRow(const Plane& flow, int x0, int count, int y, const cv::Point& offset, bool linear, float* out) {
   const int width = flow.width(), height = flow.height();
-  const auto at = [&](int factor) {
-    return flow.row(std::clamp(y + factor * offset.y, 0, height - 1))[std::clamp(x + factor * offset.x, 0, width - 1)];
-  };
-  return linear ? 2 * at(1) - at(2) : at(1);
+  const float* once = flow.row(std::clamp(y + offset.y, 0, height - 1));
+  const float* twice = flow.row(std::clamp(y + 2 * offset.y, 0, height - 1));
+  const int reach = 2 * std::abs(offset.x);
+  if (x0 >= reach && x0 + count + reach <= width) {
+    const float *a = once + x0 + offset.x, *b = twice + x0 + 2 * offset.x;
+    if (linear)
+      for (int i = 0; i < count; ++i) out[i] = 2 * a[i] - b[i];
+    else
+      std::copy_n(a, count, out);
+    return;
+  }
+  for (int i = 0; i < count; ++i) {
+    const float a = once[std::clamp(x0 + i + offset.x, 0, width - 1)];
+    out[i] = linear ? 2 * a - twice[std::clamp(x0 + i + 2 * offset.x, 0, width - 1)] : a;
+  }
 }
 
-void fillHypothesis(const FlowPlanes& flow, int x0, int y0, int window, const cv::Point& offset, bool linear,
-                    const Level& level, Workspace& w) {
+/// Fills in the hypothetical flow of a tile and its margin.
+/// @return false where it is what the tile has already
+bool fillHypothesis(const FlowPlanes& flow, int x0, int y0, int window, const cv::Point& offset, bool linear,
+                    Workspace& w) {
   const int width = flow.u.width(), height = flow.u.height();
+  const int from = std::max(0, window - x0), to = std::min(w.side, width - x0 + window);
+  float largest = 0;
   for (int j = 0; j < w.side; ++j) {
     const int y = y0 - window + j;
-    float *u = &w.u[static_cast<std::size_t>(j * w.side)], *v = &w.v[static_cast<std::size_t>(j * w.side)],
-          *mismatch = &w.mismatch[static_cast<std::size_t>(j * w.side)];
-    std::fill(mismatch, mismatch + w.side, kUnseen);
     if (y < 0 || y >= height) continue;
-    const int from = std::max(0, window - x0), to = std::min(w.side, width - x0 + window);
-    for (int i = from; i < to; ++i) {
-      u[i] = hypothesis(flow.u, x0 - window + i, y, offset, linear);
-      v[i] = hypothesis(flow.v, x0 - window + i, y, offset, linear);
-    }
-    mismatchRow(level, x0 - window + from, y, u + from, v + from, mismatch + from, to - from);
+    float *u = &w.u[static_cast<std::size_t>(j * w.side)], *v = &w.v[static_cast<std::size_t>(j * w.side)];
+    const int x = x0 - window + from, count = to - from;
+    hypothesisRow(flow.u, x, count, y, offset, linear, u + from);
+    hypothesisRow(flow.v, x, count, y, offset, linear, v + from);
+    const float *present_u = flow.u.row(y) + x, *present_v = flow.v.row(y) + x;
+    for (int i = 0; i < count; ++i)
+      largest = std::max(largest, std::max(std::abs(u[from + i] - present_u[i]), std::abs(v[from + i] - present_v[i])));
+  }
+  return largest > kSameFlow;
+}
+
+void evaluateHypothesis(const Level& level, int x0, int y0, int window, Workspace& w) {
+  const int width = level.first.cols, height = level.first.rows;
+  const int from = std::max(0, window - x0), to = std::min(w.side, width - x0 + window);
+  std::fill(w.mismatch.begin(), w.mismatch.end(), kUnseen);
+  for (int j = 0; j < w.side; ++j) {
+    const int y = y0 - window + j;
+    if (y < 0 || y >= height) continue;
+    const std::size_t row = static_cast<std::size_t>(j * w.side + from);
+    mismatchRow(level, x0 - window + from, y, &w.u[row], &w.v[row], &w.mismatch[row], to - from);
   }
 }
 
 void exchangeTile(const Level& level, const FlowPlanes& start, int x0, int y0, int window,
-                  const std::vector<cv::Point>& offsets, float worth_trying, Workspace& w, FlowPlanes& flow) {
+                  const std::vector<cv::Point>& offsets, float worth_trying, const cv::Mat1b& fixed, Workspace& w,
+                  FlowPlanes& flow) {
   std::array<float, kTile * kTile> best, sums;
-  fillHypothesis(start, x0, y0, window, {0, 0}, false, level, w);
-  sumWindows(w, window, best.data());
-  if (*std::max_element(best.begin(), best.end()) < worth_trying) return;
   const int rows = std::min(kTile, start.u.height() - y0), columns = std::min(kTile, start.u.width() - x0);
-  for (const cv::Point& offset : offsets)
+  if (!fixed.empty() && cv::countNonZero(fixed(cv::Rect(x0, y0, columns, rows))) == rows * columns) return;
+  fillHypothesis(start, x0, y0, window, {0, 0}, false, w);
+  evaluateHypothesis(level, x0, y0, window, w);
+  sumWindows(w, window, best.data());
+  bool any = false;
+  for (int y = 0; y < rows; ++y)
+    for (int x = 0; x < columns; ++x) {
+      float& present = best[static_cast<std::size_t>(y * kTile + x)];
+      if (present < worth_trying || (!fixed.empty() && fixed(y0 + y, x0 + x))) present = 0;
+      any = any || present > 0;
+    }
+  if (!any) return;
+  for (std::size_t k = 0; k < offsets.size(); ++k)
     for (const bool linear : {false, true}) {
-      fillHypothesis(start, x0, y0, window, offset, linear, level, w);
+      // As it is only from near by: farther away a flow that varies has become another.
+      if (!linear && k >= kDirections) continue;
+      if (!fillHypothesis(start, x0, y0, window, offsets[k], linear, w)) continue;
+      evaluateHypothesis(level, x0, y0, window, w);
       sumWindows(w, window, sums.data());
       for (int y = 0; y < rows; ++y)
         for (int x = 0; x < columns; ++x) {
@@ -95,8 +136,8 @@ void exchangeTile(const Level& level, const FlowPlanes& start, int x0, int y0, i
 
 }  // namespace
 
-void exchangeFlow(const Level& level, const std::vector<int>& reaches, int window, float mismatch, FlowPlanes& flow,
-                  int threads) {
+void exchangeFlow(const Level& level, const std::vector<int>& reaches, int window, float mismatch,
+                  const cv::Mat1b& fixed, FlowPlanes& flow, int threads) {
   std::vector<cv::Point> offsets;
   for (const int reach : reaches) {
     const int diagonal = std::max(1, reach * 7 / 10);
@@ -114,7 +155,7 @@ void exchangeFlow(const Level& level, const std::vector<int>& reaches, int windo
         Workspace workspace(window);
         for (int row = range.start; row < range.end; ++row)
           for (int x0 = 0; x0 < start.u.width(); x0 += kTile)
-            exchangeTile(level, start, x0, row * kTile, window, offsets, worth_trying, workspace, flow);
+            exchangeTile(level, start, x0, row * kTile, window, offsets, worth_trying, fixed, workspace, flow);
       },
       threads > 1 ? 4 * threads : 1);
 }

@@ -9,7 +9,8 @@ namespace cortshift_flow {
 /// eight directions, as it is and extrapolated linearly, and takes it where a window about the pixel then matches
 /// clearly better. So a motion found in the middle of a moving region spreads to its boundary.
 /// @param mismatch  [intensity, 0...1, summed over the channels]
-void exchangeFlow(const Level& level, const std::vector<int>& reaches, int window, float mismatch, FlowPlanes& flow,
-                  int threads);
+/// @param fixed  1 where the flow is to stay as it is (CV_8UC1), or empty
+void exchangeFlow(const Level& level, const std::vector<int>& reaches, int window, float mismatch,
+                  const cv::Mat1b& fixed, FlowPlanes& flow, int threads);
 
 }  // namespace cortshift_flow

@@ -6,9 +6,9 @@
 namespace cortshift_flow {
 
 /// A pixel's mismatch saturates here [intensity, 0...1, summed over the channels].
-constexpr float kLargestMismatch = 0.12f;
+constexpr float kLargestMismatch = 0.2f;
 /// Of a pixel whose match lies outside the second image or is excluded.
-constexpr float kUnseen = 0.6f * kLargestMismatch;
+constexpr float kUnseen = 0.36f * kLargestMismatch;
 
 /// Mismatch of pixels x0...x0 + count - 1 of row y under a flow; bilinear interpolation.
 void mismatchRow(const Level& level, int x0, int y, const float* u, const float* v, float* out, int count);

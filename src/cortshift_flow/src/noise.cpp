@@ -8,8 +8,8 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr int kStep = 5;                    // every so many pixels along both axes
-constexpr float kLeastNoise = 0.4f / 255;   // rounding of two 8-bit images; finer images are not trusted further
+constexpr int kStep = 5;                   // every so many pixels along both axes
+constexpr float kLeastNoise = 0.4f / 255;  // rounding of two 8-bit images; finer images are not trusted further
 constexpr float kMostNoise = 0.2f;
 constexpr float kMedianToDeviation = 1.4826f;  // of a normal distribution
 
@@ -35,7 +35,8 @@ cv::Vec4f noiseWeights(const ImagePair& images, const FlowPlanes& flow, const cv
     for (int x = 0; x < width; x += kStep) {
       if (!visible.empty() && !visible(y, x)) continue;
       const float px = static_cast<float>(x) + flow.u.row(y)[x], py = static_cast<float>(y) + flow.v.row(y)[x];
-      if (!(px >= 0 && py >= 0 && px <= static_cast<float>(width - 1) && py <= static_cast<float>(height - 1))) continue;
+      if (!(px >= 0 && py >= 0 && px <= static_cast<float>(width - 1) && py <= static_cast<float>(height - 1)))
+        continue;
       if (!images.second_valid.empty() && !images.second_valid(static_cast<int>(py), static_cast<int>(px))) continue;
       const cv::Vec4f difference = interpolate(images.second, px, py) - images.first(y, x);
       for (int c = 0; c < 3; ++c) differences[static_cast<std::size_t>(c)].push_back(std::abs(difference[c]));

@@ -24,8 +24,8 @@ struct Continuation {
 };
 
 /// Walks from a hidden pixel until the visible flow begins and continues that flow back to the pixel.
-Continuation walk(const cv::Mat4f& smooth_image, const cv::Mat1b& visible, const FlowPlanes& flow, int x, int y, float dx,
-                  float dy) {
+Continuation walk(const cv::Mat4f& smooth_image, const cv::Mat1b& visible, const FlowPlanes& flow, int x, int y,
+                  float dx, float dy) {
   const auto inside = [&](int px, int py) { return px >= 0 && py >= 0 && px < visible.cols && py < visible.rows; };
   const auto at = [&](float t, int& px, int& py) {
     px = x + static_cast<int>(std::lround(t * dx));
@@ -101,11 +101,12 @@ bool weighSides(const std::array<Continuation, 16>& all, Sides& sides) {
 
 }  // namespace
 
-cv::Mat1b coveredBy(const FlowPlanes& backward) {
+cv::Mat1b coveredBy(const FlowPlanes& backward, const cv::Mat1b& trusted) {
   const int width = backward.u.width(), height = backward.u.height();
   cv::Mat1f weight(height, width, 0.f);
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
+      if (!trusted.empty() && !trusted(y, x)) continue;
       const float px = static_cast<float>(x) + backward.u.row(y)[x], py = static_cast<float>(y) + backward.v.row(y)[x];
       const float bx = std::floor(px), by = std::floor(py);
       if (!(bx >= -1 && by >= -1 && bx < static_cast<float>(width) && by < static_cast<float>(height))) continue;
@@ -137,8 +138,26 @@ float typicalMismatch(const Level& level, const FlowPlanes& flow, int window, in
 cv::Mat1b matched(const Level& level, const FlowPlanes& flow, int window, float mismatch, int threads) {
   const Plane mean = windowMismatch(level, flow, window, threads);
   cv::Mat1b result(mean.size());
+  const float limit = std::min(mismatch, 0.9f * kUnseen);
   for (int y = 0; y < mean.height(); ++y)
-    for (int x = 0; x < mean.width(); ++x) result(y, x) = mean.row(y)[x] <= mismatch;
+    for (int x = 0; x < mean.width(); ++x) result(y, x) = mean.row(y)[x] <= limit;
+  return result;
+}
+
+cv::Mat1b consistent(const FlowPlanes& flow, const FlowPlanes& opposite, float tolerance, int threads) {
+  const int width = flow.u.width(), height = flow.u.height();
+  cv::Mat1b result(height, width, uchar{0});
+  forRows(height, threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y)
+      for (int x = 0; x < width; ++x) {
+        const float u = flow.u.row(y)[x], v = flow.v.row(y)[x];
+        const long tx = std::lround(static_cast<float>(x) + u), ty = std::lround(static_cast<float>(y) + v);
+        if (tx < 0 || ty < 0 || tx >= width || ty >= height) continue;
+        const float gap_u = u + opposite.u.row(static_cast<int>(ty))[tx];
+        const float gap_v = v + opposite.v.row(static_cast<int>(ty))[tx];
+        result(y, x) = gap_u * gap_u + gap_v * gap_v <= tolerance * tolerance;
+      }
+  });
   return result;
 }
 
@@ -155,6 +174,8 @@ void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, FlowPlanes& 
       for (int x = 0; x < width; ++x) {
         if (visible(y, x)) continue;
         known(y, x) = 0;
+        // Continuations vary slowly: one in four is enough, and its neighbours share it.
+        if ((x | y) & 1) continue;
         std::array<Continuation, 16> all;
         for (std::size_t k = 0; k < all.size(); ++k) {
           const double angle = 2 * CV_PI * static_cast<double>(k) / static_cast<double>(all.size());
@@ -168,6 +189,13 @@ void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, FlowPlanes& 
         hidden(y, x) = 1;
       }
   });
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      if (((x | y) & 1) && !visible(y, x) && hidden(y & ~1, x & ~1) > 0) {
+        candidates(y, x) = candidates(y & ~1, x & ~1);
+        evidence(y, x) = evidence(y & ~1, x & ~1);
+        hidden(y, x) = 1;
+      }
   // Neighbours decide together: the evidence of a single pixel is weak.
   const cv::Size vote(15, 15);
   cv::Mat1f evidence_sum, hidden_sum;

@@ -18,7 +18,7 @@ namespace cortshift_flow {
 /// Runs body(first, last) over pieces of [0, rows).
 template <typename Body>
 void forRows(int rows, int threads, const Body& body) {
-  constexpr int kFewRows = 16;  // less is not worth waking a thread
+  constexpr int kFewRows = 48;  // less is not worth waking a thread
   const int pieces = std::min(threads, rows / kFewRows);
   if (pieces <= 1) {
     body(0, rows);

@@ -11,8 +11,9 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr int kCells = 48;          // along the shorter side
-constexpr double kSmoothing = 3;    // standard deviation of the windows [cells]
+constexpr int kCells = 48;                                     // along the shorter side
+constexpr double kSamples = 4;                                 // along a cell's side, of those that it has
+constexpr double kSmoothing = 3;                               // standard deviation of the windows [cells]
 constexpr float kGainScatter = 0.15f, kOffsetScatter = 0.05f;  // expected, where nothing is known
 constexpr float kResidual = 0.02f;  // of a good match: weighs data against expectation, and rejects outliers
 
@@ -39,6 +40,7 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
   map.offset_ = cv::Mat4f(cells, cv::Vec4f::all(0));
   if (width < 2 || height < 2) return map;
 
+  const int step = std::max(1, static_cast<int>(cell / kSamples));
   constexpr int kRounds = 3;  // robust: each round trusts what the last one explains
   for (int round = 0; round < kRounds; ++round) {
     const cv::Mat4f expected = map.apply(level.first, threads);
@@ -48,14 +50,15 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
     for (cv::Mat4f* p : {&m.weight, &m.x, &m.y, &m.xx, &m.xy}) *p = cv::Mat4f(cells, cv::Vec4f::all(0));
     forRows(cells.height, threads, [&](int begin, int end) {
       for (int j = begin; j < end; ++j)
-        for (int y = j * height / cells.height; y < (j + 1) * height / cells.height; ++y)
-          for (int x = 0; x < width; ++x) {
+        for (int y = j * height / cells.height; y < (j + 1) * height / cells.height; y += step)
+          for (int x = 0; x < width; x += step) {
             if (!visible.empty() && !visible(y, x)) continue;
             if (!level.first_valid.empty() && !level.first_valid(y, x)) continue;
             const float px = static_cast<float>(x) + flow.u.row(y)[x], py = static_cast<float>(y) + flow.v.row(y)[x];
             if (!(px >= 0 && py >= 0 && px <= static_cast<float>(width - 1) && py <= static_cast<float>(height - 1)))
               continue;
-            if (!level.second_valid.empty() && !level.second_valid(static_cast<int>(py), static_cast<int>(px))) continue;
+            if (!level.second_valid.empty() && !level.second_valid(static_cast<int>(py), static_cast<int>(px)))
+              continue;
             const cv::Vec4f first = level.first(y, x), second = bilinear(level.second, px, py);
             const cv::Vec4f gap = second - expected(y, x);
             const float ratio = 1 + static_cast<float>(gap.dot(gap)) / (tolerance * tolerance);
@@ -75,6 +78,7 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
       cv::GaussianBlur(*p, smooth, cv::Size(), kSmoothing, kSmoothing, cv::BORDER_CONSTANT);
       *p = smooth;
     }
+    double change = 0, pixels = 0;
     for (int j = 0; j < cells.height; ++j)
       for (int i = 0; i < cells.width; ++i)
         for (int c = 0; c < 3; ++c) {
@@ -88,7 +92,10 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
           const float shift = n * (mean_y - mean_x) / (n + prior_offset);
           map.gain_(j, i)[c] = gain;
           map.offset_(j, i)[c] = shift + mean_x * (1 - gain);
+          change += n * shift * shift;
+          pixels += n;
         }
+    map.root_mean_square_change_ = pixels > 0 ? static_cast<float>(std::sqrt(change / pixels)) : 0.f;
   }
   return map;
 }
@@ -98,8 +105,9 @@ cv::Mat4f BrightnessMap::apply(const cv::Mat4f& image, int threads) const {
   const int width = image.cols, height = image.rows;
   // Cell centres, interpolated linearly between and constant beyond the outermost.
   const auto position = [](int i, int pixels, int cells, int& first, float& fraction) {
-    const float at = std::clamp((static_cast<float>(i) + 0.5f) * static_cast<float>(cells) / static_cast<float>(pixels) - 0.5f,
-                                0.f, static_cast<float>(cells - 1));
+    const float at =
+        std::clamp((static_cast<float>(i) + 0.5f) * static_cast<float>(cells) / static_cast<float>(pixels) - 0.5f, 0.f,
+                   static_cast<float>(cells - 1));
     first = std::min(static_cast<int>(at), std::max(0, cells - 2));
     fraction = at - static_cast<float>(first);
   };

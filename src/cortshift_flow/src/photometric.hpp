@@ -12,11 +12,18 @@ class BrightnessMap {
   /// @param visible  0 where pixels have no match (CV_8UC1), or empty
   static BrightnessMap fit(const Level& level, const FlowPlanes& flow, const cv::Mat1b& visible, int threads);
 
+  /// False where the change of brightness is too small to be told from the fit's own error: correcting it would cost
+  /// more accuracy than it gains.
+  bool significant() const { return root_mean_square_change_ > kLeastChange; }
+
   /// The first image as bright as the second. The map may have been fitted at another level.
   cv::Mat4f apply(const cv::Mat4f& image, int threads) const;
 
  private:
+  static constexpr float kLeastChange = 0.75f / 255;
+
   cv::Mat4f gain_, offset_;  // per cell
+  float root_mean_square_change_ = 0;
 };
 
 }  // namespace cortshift_flow

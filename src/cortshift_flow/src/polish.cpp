@@ -12,6 +12,7 @@
 namespace cortshift_flow {
 namespace {
 
+constexpr float kOrdinaryCurvature = 3.f;  // second differences up to so many times the expected are not exceptional
 constexpr float kRobust = 6.f;  // squared norm of a whitened residual at which its influence starts to saturate
 
 /// Weights of the second differences about each node: along x, along y, and mixed (with the nodes right and below).
@@ -72,6 +73,7 @@ void connect(const FlowPlanes& nodes, const Connection& connection, float weight
 CORTSHIFT_VECTORISED
 void differencesRow(const float* above, const float* here, const float* below, const float* wxx, const float* wyy,
                     const float* wxy, float* qxx, float* qyy, float* qxy, int width) {
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     qxx[x] = wxx[x] * (here[x - 1] - 2 * here[x] + here[x + 1]);
     qyy[x] = wyy[x] * (above[x] - 2 * here[x] + below[x]);
@@ -82,6 +84,7 @@ void differencesRow(const float* above, const float* here, const float* below, c
 CORTSHIFT_VECTORISED
 void adjointRow(const float* qxx, const float* qyy_above, const float* qyy, const float* qyy_below,
                 const float* qxy_above, const float* qxy, float* out, int width) {
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x)
     out[x] = (qxx[x - 1] - 2 * qxx[x] + qxx[x + 1]) + (qyy_above[x] - 2 * qyy[x] + qyy_below[x]) +
              (qxy[x] - qxy[x - 1] - qxy_above[x] + qxy_above[x - 1]);
@@ -90,6 +93,7 @@ void adjointRow(const float* qxx, const float* qyy_above, const float* qyy, cons
 CORTSHIFT_VECTORISED
 void addDataRow(const float* xx, const float* xy, const float* yy, const float* u, const float* v, float* out_u,
                 float* out_v, int width) {
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     out_u[x] += xx[x] * u[x] + xy[x] * v[x];
     out_v[x] += xy[x] * u[x] + yy[x] * v[x];
@@ -99,6 +103,7 @@ void addDataRow(const float* xx, const float* xy, const float* yy, const float* 
 CORTSHIFT_VECTORISED
 void preconditionRow(const float* ixx, const float* ixy, const float* iyy, const float* u, const float* v, float* out_u,
                      float* out_v, int width) {
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     out_u[x] = ixx[x] * u[x] + ixy[x] * v[x];
     out_v[x] = ixy[x] * u[x] + iyy[x] * v[x];
@@ -107,11 +112,13 @@ void preconditionRow(const float* ixx, const float* ixy, const float* iyy, const
 
 CORTSHIFT_VECTORISED
 void addScaledRow(const float* in, float factor, float* out, int width) {
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) out[x] += factor * in[x];
 }
 
 CORTSHIFT_VECTORISED
 void scaleAndAddRow(const float* in, float factor, float* out, int width) {
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) out[x] = in[x] + factor * out[x];
 }
 
@@ -131,9 +138,10 @@ double dotRow(const float* a, const float* b, int width) {
 /// Conjugate gradients on (data + second-order smoothness) nodes = right-hand side.
 class NodeSolver {
  public:
-  NodeSolver(cv::Size size, int threads) : size_(size), threads_(threads), row_sums_(static_cast<std::size_t>(size.height)) {
-    for (Plane* p : {&stencils.xx, &stencils.yy, &stencils.xy, &data.xx, &data.xy, &data.yy, &data.u, &data.v, &q_.xx,
-                     &q_.yy, &q_.xy, &inverse_xx_, &inverse_xy_, &inverse_yy_})
+  NodeSolver(cv::Size size, int threads)
+      : size_(size), threads_(threads), row_sums_(static_cast<std::size_t>(size.height)) {
+    for (Plane* p : {&stencils.xx, &stencils.yy, &stencils.xy, &data.xx, &data.xy, &data.yy, &data.u, &data.v, &q_u_.xx,
+                     &q_u_.yy, &q_u_.xy, &q_v_.xx, &q_v_.yy, &q_v_.xy, &inverse_xx_, &inverse_xy_, &inverse_yy_})
       p->create(size.height, size.width);
     for (Vector* p : {&residual_, &direction_, &product_, &preconditioned_}) {
       p->u.create(size.height, size.width);
@@ -146,36 +154,45 @@ class NodeSolver {
 
   void solve(int iterations, FlowPlanes& x) {
     prepareDiagonal();
-    apply(x.u, x.v);
+    const int width = size_.width;
+    differences(x.u, x.v);
     rows([&](int y) {
-      subtractFrom(data.u.row(y), product_.u.row(y), residual_.u.row(y));
-      subtractFrom(data.v.row(y), product_.v.row(y), residual_.v.row(y));
+      applyRow(x.u, x.v, y);
+      const float *pu = product_.u.row(y), *pv = product_.v.row(y), *du = data.u.row(y), *dv = data.v.row(y);
+      float *ru = residual_.u.row(y), *rv = residual_.v.row(y);
+      for (int i = 0; i < width; ++i) {
+        ru[i] = du[i] - pu[i];
+        rv[i] = dv[i] - pv[i];
+      }
+      row_sums_[static_cast<std::size_t>(y)] = preconditionAndDot(y);
+      std::copy_n(preconditioned_.u.row(y), width, direction_.u.row(y));
+      std::copy_n(preconditioned_.v.row(y), width, direction_.v.row(y));
     });
-    precondition();
-    rows([&](int y) {
-      std::copy_n(preconditioned_.u.row(y), size_.width, direction_.u.row(y));
-      std::copy_n(preconditioned_.v.row(y), size_.width, direction_.v.row(y));
-    });
-    double energy = dot(residual_, preconditioned_);
-    const double enough = 1e-10 * energy;
+    double energy = total();
+    const double enough = 1e-9 * energy;
     for (int i = 0; i < iterations && energy > enough && energy > 0; ++i) {
-      apply(direction_.u, direction_.v);
-      const double curvature = dot(direction_, product_);
+      differences(direction_.u, direction_.v);
+      rows([&](int y) {
+        applyRow(direction_.u, direction_.v, y);
+        row_sums_[static_cast<std::size_t>(y)] = dotRow(direction_.u.row(y), product_.u.row(y), width) +
+                                                 dotRow(direction_.v.row(y), product_.v.row(y), width);
+      });
+      const double curvature = total();
       if (!(curvature > 0)) break;
       const auto step = static_cast<float>(energy / curvature);
       rows([&](int y) {
-        addScaledRow(direction_.u.row(y), step, x.u.row(y), size_.width);
-        addScaledRow(direction_.v.row(y), step, x.v.row(y), size_.width);
-        addScaledRow(product_.u.row(y), -step, residual_.u.row(y), size_.width);
-        addScaledRow(product_.v.row(y), -step, residual_.v.row(y), size_.width);
+        addScaledRow(direction_.u.row(y), step, x.u.row(y), width);
+        addScaledRow(direction_.v.row(y), step, x.v.row(y), width);
+        addScaledRow(product_.u.row(y), -step, residual_.u.row(y), width);
+        addScaledRow(product_.v.row(y), -step, residual_.v.row(y), width);
+        row_sums_[static_cast<std::size_t>(y)] = preconditionAndDot(y);
       });
-      precondition();
-      const double next = dot(residual_, preconditioned_);
+      const double next = total();
       const auto factor = static_cast<float>(next / energy);
       energy = next;
       rows([&](int y) {
-        scaleAndAddRow(preconditioned_.u.row(y), factor, direction_.u.row(y), size_.width);
-        scaleAndAddRow(preconditioned_.v.row(y), factor, direction_.v.row(y), size_.width);
+        scaleAndAddRow(preconditioned_.u.row(y), factor, direction_.u.row(y), width);
+        scaleAndAddRow(preconditioned_.v.row(y), factor, direction_.v.row(y), width);
       });
     }
   }
@@ -188,36 +205,32 @@ class NodeSolver {
     });
   }
 
-  void subtractFrom(const float* a, const float* b, float* out) const {
-    for (int x = 0; x < size_.width; ++x) out[x] = a[x] - b[x];
-  }
+  double total() const { return std::accumulate(row_sums_.begin(), row_sums_.end(), 0.0); }
 
-  double dot(const Vector& a, const Vector& b) {
+  /// Weighted second differences of both components.
+  void differences(const Plane& u, const Plane& v) {
     rows([&](int y) {
-      row_sums_[static_cast<std::size_t>(y)] =
-          dotRow(a.u.row(y), b.u.row(y), size_.width) + dotRow(a.v.row(y), b.v.row(y), size_.width);
-    });
-    return std::accumulate(row_sums_.begin(), row_sums_.end(), 0.0);
-  }
-
-  void smoothness(const Plane& in, Plane& out) {
-    rows([&](int y) {
-      differencesRow(in.row(y - 1), in.row(y), in.row(y + 1), stencils.xx.row(y), stencils.yy.row(y),
-                     stencils.xy.row(y), q_.xx.row(y), q_.yy.row(y), q_.xy.row(y), size_.width);
-    });
-    rows([&](int y) {
-      adjointRow(q_.xx.row(y), q_.yy.row(y - 1), q_.yy.row(y), q_.yy.row(y + 1), q_.xy.row(y - 1), q_.xy.row(y),
-                 out.row(y), size_.width);
+      differencesRow(u.row(y - 1), u.row(y), u.row(y + 1), stencils.xx.row(y), stencils.yy.row(y), stencils.xy.row(y),
+                     q_u_.xx.row(y), q_u_.yy.row(y), q_u_.xy.row(y), size_.width);
+      differencesRow(v.row(y - 1), v.row(y), v.row(y + 1), stencils.xx.row(y), stencils.yy.row(y), stencils.xy.row(y),
+                     q_v_.xx.row(y), q_v_.yy.row(y), q_v_.xy.row(y), size_.width);
     });
   }
 
-  void apply(const Plane& u, const Plane& v) {
-    smoothness(u, product_.u);
-    smoothness(v, product_.v);
-    rows([&](int y) {
-      addDataRow(data.xx.row(y), data.xy.row(y), data.yy.row(y), u.row(y), v.row(y), product_.u.row(y),
-                 product_.v.row(y), size_.width);
-    });
+  /// Row y of the system's product with (u, v), whose differences have been taken.
+  void applyRow(const Plane& u, const Plane& v, int y) {
+    for (const auto& [q, out] : {std::pair(&q_u_, &product_.u), std::pair(&q_v_, &product_.v)})
+      adjointRow(q->xx.row(y), q->yy.row(y - 1), q->yy.row(y), q->yy.row(y + 1), q->xy.row(y - 1), q->xy.row(y),
+                 out->row(y), size_.width);
+    addDataRow(data.xx.row(y), data.xy.row(y), data.yy.row(y), u.row(y), v.row(y), product_.u.row(y), product_.v.row(y),
+               size_.width);
+  }
+
+  double preconditionAndDot(int y) {
+    preconditionRow(inverse_xx_.row(y), inverse_xy_.row(y), inverse_yy_.row(y), residual_.u.row(y), residual_.v.row(y),
+                    preconditioned_.u.row(y), preconditioned_.v.row(y), size_.width);
+    return dotRow(residual_.u.row(y), preconditioned_.u.row(y), size_.width) +
+           dotRow(residual_.v.row(y), preconditioned_.v.row(y), size_.width);
   }
 
   void prepareDiagonal() {
@@ -237,17 +250,10 @@ class NodeSolver {
     });
   }
 
-  void precondition() {
-    rows([&](int y) {
-      preconditionRow(inverse_xx_.row(y), inverse_xy_.row(y), inverse_yy_.row(y), residual_.u.row(y),
-                      residual_.v.row(y), preconditioned_.u.row(y), preconditioned_.v.row(y), size_.width);
-    });
-  }
-
   cv::Size size_;
   int threads_;
   std::vector<double> row_sums_;
-  Stencils q_;
+  Stencils q_u_, q_v_;  // weighted second differences
   Plane inverse_xx_, inverse_xy_, inverse_yy_;
   Vector residual_, direction_, product_, preconditioned_;
 };
@@ -258,7 +264,8 @@ void sampleNodes(const Plane& pixels, Plane& nodes) {
   const auto value = [&](int x, int y) {
     const int cx = std::clamp(x, 0, pixels.width() - 1), cy = std::clamp(y, 0, pixels.height() - 1);
     const float at = pixels.row(cy)[cx];
-    const float mirrored = pixels.row(std::clamp(2 * cy - y, 0, pixels.height() - 1))[std::clamp(2 * cx - x, 0, pixels.width() - 1)];
+    const float mirrored =
+        pixels.row(std::clamp(2 * cy - y, 0, pixels.height() - 1))[std::clamp(2 * cx - x, 0, pixels.width() - 1)];
     return x == cx && y == cy ? at : 2 * at - mirrored;
   };
   for (int j = 0; j < nodes.height(); ++j)
@@ -284,8 +291,9 @@ void findRegularCells(const FlowPlanes& nodes, float break_at, cv::Mat1b& regula
           square([&](const Plane& p) { return second(p.row(y - 1)[x], p.row(y)[x], p.row(y + 1)[x]); }) > limit)
         bits |= 2;
       if (x < width - 1 && y < height - 1 && square([&](const Plane& p) {
-            return p.row(y + 1)[x + 1] - p.row(y + 1)[x] - p.row(y)[x + 1] + p.row(y)[x];
-          }) > limit)
+                                               return p.row(y + 1)[x + 1] - p.row(y + 1)[x] - p.row(y)[x + 1] +
+                                                      p.row(y)[x];
+                                             }) > limit)
         bits |= 4;
       broken(y, x) = bits;
     }
@@ -397,7 +405,8 @@ PolishedFlow polish(const ImagePair& images, const cv::Vec4f& channel_weights, c
   for (Plane* p : {&reduced.xx, &reduced.xy, &reduced.yy, &reduced.xt, &reduced.yt})
     p->create(pixels.height, size.width);
   const float weight = 1 / (effort.curvature * effort.curvature);
-  const Connection connection{weight, 1 / (effort.break_at * effort.break_at)};
+  const Connection connection{weight / (kOrdinaryCurvature * kOrdinaryCurvature),
+                              1 / (effort.break_at * effort.break_at)};
   for (int i = 0; i < effort.linearisations; ++i) {
     connect(flow.nodes, connection, weight, solver.stencils, threads);
     findRegularCells(flow.nodes, effort.break_at, flow.regular);

@@ -13,17 +13,17 @@
 namespace cortshift_flow {
 
 struct PolishEffort {
-  int linearisations = 3;       ///< Gauss-Newton steps
-  int solver_iterations = 30;   ///< conjugate gradients per step
-  float curvature = 0.012f;     ///< expected second difference of the flow between neighbouring nodes [px]
-  float break_at = 1.0f;        ///< a second difference beyond this is a motion boundary, not curvature [px]
+  int linearisations = 3;      ///< Gauss-Newton steps
+  int solver_iterations = 30;  ///< conjugate gradients per step
+  float curvature = 0.012f;    ///< expected second difference of the flow between neighbouring nodes [px]
+  float break_at = 1.0f;       ///< a second difference beyond this is a motion boundary, not curvature [px]
 };
 
 /// A flow on the nodes of a SplineGrid, and how well it is known there.
 struct PolishedFlow {
-  FlowPlanes nodes;     ///< spline coefficients [px]
-  Plane information;    ///< smaller eigenvalue of the data's information about the flow at each node [1 / px^2]
-  cv::Mat1b regular;    ///< per cell between pixels (4i, 4j) and (4i + 3, 4j + 3): 1 where no boundary passes
+  FlowPlanes nodes;   ///< spline coefficients [px]
+  Plane information;  ///< smaller eigenvalue of the data's information about the flow at each node [1 / px^2]
+  cv::Mat1b regular;  ///< per cell between pixels (4i, 4j) and (4i + 3, 4j + 3): 1 where no boundary passes
 };
 
 /// @param channel_weights  inverse noise variance of each channel's difference [1 / intensity^2]

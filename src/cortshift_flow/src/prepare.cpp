@@ -87,7 +87,8 @@ void checkImages(const cv::Mat& first, const cv::Mat& second, const cv::Mat& mas
   if (first.depth() != CV_8U && first.depth() != CV_16U && first.depth() != CV_32F)
     throw std::invalid_argument("the images' depth is not 8-bit, 16-bit or float (CV_8U, CV_16U, CV_32F)");
   if (first.channels() != 1 && first.channels() != 3)
-    throw std::invalid_argument("the images have " + std::to_string(first.channels()) + " channels; 1 or 3 are allowed");
+    throw std::invalid_argument("the images have " + std::to_string(first.channels()) +
+                                " channels; 1 or 3 are allowed");
   if (std::min(first.cols, first.rows) < kSmallestSide || std::max(first.cols, first.rows) > kLargestSide)
     throw std::invalid_argument("the images are " + sizeText(first) + "; " + std::to_string(kSmallestSide) + " to " +
                                 std::to_string(kLargestSide) + " pixels a side are allowed");

@@ -10,6 +10,7 @@ namespace {
 CORTSHIFT_VECTORISED
 void lowPassColumns(const float* above2, const float* above, const float* here, const float* below, const float* below2,
                     float* out, int count) {
+#pragma GCC ivdep
   for (int i = 0; i < count; ++i)
     out[i] = (above2[i] + below2[i]) * (1 / 16.f) + (above[i] + below[i]) * (4 / 16.f) + here[i] * (6 / 16.f);
 }
@@ -17,6 +18,7 @@ void lowPassColumns(const float* above2, const float* above, const float* here, 
 /// `row` holds pixels -2...2 * width + 1 of four channels.
 CORTSHIFT_VECTORISED
 void lowPassRow(const float* row, float* out, int width) {
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x)
     for (int c = 0; c < 4; ++c) {
       const float* r = row + 8 * x + c;

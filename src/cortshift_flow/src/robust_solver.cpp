@@ -15,6 +15,7 @@ CORTSHIFT_VECTORISED
 void diffusivityRow(const float* u, const float* u_below, const float* v, const float* v_below, const float* edge,
                     float epsilon, float alpha, float* out, int width) {
   const float e2 = epsilon * epsilon;
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     const float ux = u[x + 1] - u[x], uy = u_below[x] - u[x], vx = v[x + 1] - v[x], vy = v_below[x] - v[x];
     out[x] = alpha / std::sqrt(ux * ux + uy * uy + vx * vx + vy * vy + e2);
@@ -25,6 +26,7 @@ void diffusivityRow(const float* u, const float* u_below, const float* v, const 
 
 CORTSHIFT_VECTORISED
 void linkRow(const float* diffusivity, const float* diffusivity_below, float* right, float* below, int width) {
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     right[x] = 0.5f * (diffusivity[x] + diffusivity[x + 1]);
     below[x] = 0.5f * (diffusivity[x] + diffusivity_below[x]);
@@ -40,13 +42,12 @@ CORTSHIFT_VECTORISED
 void assembleRow(const AssembleRow& r, float epsilon, int width) {
   const float *xx = r.xx, *xy = r.xy, *yy = r.yy, *xt = r.xt, *yt = r.yt, *tt = r.tt, *u0 = r.u0, *v0 = r.v0, *u = r.u,
               *v = r.v, *right = r.right, *below = r.below, *above = r.below_of_above;
-  float *__restrict__ ixx = r.ixx, *__restrict__ ixy = r.ixy, *__restrict__ iyy = r.iyy, *__restrict__ cu = r.cu,
-                      *__restrict__ cv = r.cv;
+  float* __restrict__ ixx = r.ixx, * __restrict__ ixy = r.ixy, * __restrict__ iyy = r.iyy, * __restrict__ cu = r.cu, * __restrict__ cv = r.cv;
   const float e2 = epsilon * epsilon;
+#pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     const float du = u[x] - u0[x], dv = v[x] - v0[x];
-    const float square =
-        tt[x] + 2 * (du * xt[x] + dv * yt[x]) + du * (du * xx[x] + 2 * dv * xy[x]) + dv * dv * yy[x];
+    const float square = tt[x] + 2 * (du * xt[x] + dv * yt[x]) + du * (du * xx[x] + 2 * dv * xy[x]) + dv * dv * yy[x];
     const float weight = 1 / std::sqrt(std::max(square, 0.f) + e2);  // psi' of Eq. (3)
     const float links = right[x] + right[x - 1] + below[x] + above[x];
     const float a = weight * xx[x] + links, b = weight * xy[x], d = weight * yy[x] + links;
@@ -98,11 +99,11 @@ void assemble(const MotionTensor& tensor, const Plane& u0, const Plane& v0, cons
   });
   forRows(height, threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)
-      assembleRow({tensor.xx.row(y), tensor.xy.row(y), tensor.yy.row(y), tensor.xt.row(y), tensor.yt.row(y),
-                   tensor.tt.row(y), u0.row(y), v0.row(y), u.row(y), v.row(y), s.right.row(y), s.below.row(y),
-                   s.below.row(y - 1), s.inverse_xx.row(y), s.inverse_xy.row(y), s.inverse_yy.row(y), s.c_u.row(y),
-                   s.c_v.row(y)},
-                  energy.epsilon_data, width);
+      assembleRow(
+          {tensor.xx.row(y), tensor.xy.row(y), tensor.yy.row(y), tensor.xt.row(y), tensor.yt.row(y), tensor.tt.row(y),
+           u0.row(y), v0.row(y), u.row(y), v.row(y), s.right.row(y), s.below.row(y), s.below.row(y - 1),
+           s.inverse_xx.row(y), s.inverse_xy.row(y), s.inverse_yy.row(y), s.c_u.row(y), s.c_v.row(y)},
+          energy.epsilon_data, width);
   });
 }
 

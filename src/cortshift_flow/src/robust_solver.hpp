@@ -8,7 +8,7 @@
 namespace cortshift_flow {
 
 struct RobustEnergy {
-  float alpha = 0.02f;        ///< weight of the smoothness term, Eq. (5)
+  float alpha = 0.02f;           ///< weight of the smoothness term, Eq. (5)
   float epsilon_data = 1e-3f;    ///< of psi in Eq. (3)
   float epsilon_smooth = 1e-3f;  ///< of phi in Eq. (4)
 };

@@ -1,5 +1,4 @@
-#include <cmath>
-#include <functional>
+#include <fstream>
 #include <opencv2/core.hpp>
 #include <sstream>
 #include <stdexcept>
@@ -12,8 +11,8 @@ namespace {
 /// One numeric setting: where it is kept and what it may be.
 struct Entry {
   const char* name;
-  int FlowSettings::* integer;
-  double FlowSettings::* real;
+  int FlowSettings::*integer;
+  double FlowSettings::*real;
   double low, high;
 };
 
@@ -26,7 +25,7 @@ const std::vector<Entry>& entries() {
       {"inner_iterations", &FlowSettings::inner_iterations, nullptr, 1, 100},
       {"solver_iterations", &FlowSettings::solver_iterations, nullptr, 1, 1000},
       {"curvature", nullptr, &FlowSettings::curvature, 1e-6, 10},
-      {"half_polish_iterations", &FlowSettings::half_polish_iterations, nullptr, 0, 100},
+      {"coarse_polish_iterations", &FlowSettings::coarse_polish_iterations, nullptr, 0, 100},
       {"full_polish_iterations", &FlowSettings::full_polish_iterations, nullptr, 1, 100},
       {"search_range", nullptr, &FlowSettings::search_range, 0.01, 0.5},
   };
@@ -77,7 +76,7 @@ FlowSettings FlowSettings::preset(const std::string& name) {
   FlowSettings settings;
   if (name == "default") return settings;
   if (name == "fast") {
-    settings.half_polish_iterations = 3;
+    settings.coarse_polish_iterations = 2;
     settings.full_polish_iterations = 1;
     return settings;
   }
@@ -103,12 +102,18 @@ void FlowSettings::validate() const {
 }
 
 FlowSettings readSettings(const std::string& path) {
+  std::ifstream stream(path);
+  std::stringstream text;
+  if (!stream || !(text << stream.rdbuf())) throw std::runtime_error("cannot read settings from " + path);
+  // OpenCV's reader insists on a directive that people do not write.
+  const std::string content = text.str().rfind("%YAML", 0) == 0 ? text.str() : "%YAML:1.0\n---\n" + text.str();
   cv::FileStorage file;
   try {
-    if (!file.open(path, cv::FileStorage::READ)) throw std::runtime_error("cannot read " + path);
+    file.open(content, cv::FileStorage::READ | cv::FileStorage::MEMORY | cv::FileStorage::FORMAT_YAML);
   } catch (const cv::Exception& error) {
     throw std::invalid_argument(path + " is not YAML: " + error.err);
   }
+  if (!file.isOpened()) throw std::invalid_argument(path + " is not YAML");
   const cv::FileNode root = file.root();
   try {
     FlowSettings settings;

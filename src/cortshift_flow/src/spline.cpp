@@ -37,6 +37,7 @@ int mirrored(int i, int count) {
 
 CORTSHIFT_VECTORISED
 void filterColumns(const float* const* rows, const float* taps, float* out, int count) {
+#pragma GCC ivdep
   for (int i = 0; i < count; ++i) {
     float sum = taps[0] * rows[kReach][i];
     for (int k = 1; k <= kReach; ++k) sum += taps[k] * (rows[kReach - k][i] + rows[kReach + k][i]);
@@ -46,6 +47,7 @@ void filterColumns(const float* const* rows, const float* taps, float* out, int 
 
 CORTSHIFT_VECTORISED
 void filterRow(const float* row, const float* taps, float* out, int count) {
+#pragma GCC ivdep
   for (int i = 0; i < count; ++i) {
     float sum = taps[0] * row[i];
     for (int k = 1; k <= kReach; ++k) sum += taps[k] * (row[i - 4 * k] + row[i + 4 * k]);

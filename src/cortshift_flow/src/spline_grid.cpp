@@ -12,11 +12,13 @@ constexpr int kSpacing = SplineGrid::kSpacing;
 
 CORTSHIFT_VECTORISED
 void blendRows(const float* a, const float* b, const float* c, const float* d, const float* w, float* out, int count) {
+#pragma GCC ivdep
   for (int i = 0; i < count; ++i) out[i] = (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]);
 }
 
 CORTSHIFT_VECTORISED
 void expandRow(const float* nodes, const SplineGrid::Weights& weights, float* out, int cells) {
+#pragma GCC ivdep
   for (int j = 0; j < cells; ++j)
     for (int p = 0; p < kSpacing; ++p)
       out[kSpacing * j + p] = (weights[p][0] * nodes[j] + weights[p][1] * nodes[j + 1]) +
@@ -25,6 +27,7 @@ void expandRow(const float* nodes, const SplineGrid::Weights& weights, float* ou
 
 CORTSHIFT_VECTORISED
 void addWeighted(const float* in, float weight, float* out, int count) {
+#pragma GCC ivdep
   for (int i = 0; i < count; ++i) out[i] += weight * in[i];
 }
 
@@ -50,7 +53,8 @@ void evaluateSplineRow(const Plane& nodes, int y, float* scratch, float* out, in
   expandRow(scratch, weights, out, cells);
   for (int x = kSpacing * cells; x < width; ++x) {
     const auto& w = weights[static_cast<std::size_t>(x % kSpacing)];
-    out[x] = (w[0] * scratch[cells] + w[1] * scratch[cells + 1]) + (w[2] * scratch[cells + 2] + w[3] * scratch[cells + 3]);
+    out[x] =
+        (w[0] * scratch[cells] + w[1] * scratch[cells + 1]) + (w[2] * scratch[cells + 2] + w[3] * scratch[cells + 3]);
   }
 }
 

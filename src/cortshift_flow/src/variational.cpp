@@ -8,8 +8,8 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr int kCoarsestSide = 12;       // of the coarsest level's shorter side [px]
-constexpr double kCoarseEffort = 2e6;   // pixels and outer iterations that any level may use: coarse levels are cheap
+constexpr int kCoarsestSide = 12;      // of the coarsest level's shorter side [px]
+constexpr double kCoarseEffort = 2e6;  // pixels and outer iterations that any level may use: coarse levels are cheap
 constexpr int kMostOuterIterations = 30;
 
 }  // namespace

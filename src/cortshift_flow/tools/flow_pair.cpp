@@ -16,7 +16,8 @@ namespace {
 constexpr char kUsage[] =
     "usage: flow_pair FIRST SECOND OUT.flo [--mask M.png] [--confidence C.png] [--settings F.yaml] [--threads N]\n"
     "\n"
-    "Dense optical flow from image FIRST to image SECOND (same size and type), written as a Middlebury .flo in pixels.\n"
+    "Dense optical flow from image FIRST to image SECOND (same size and type), written as a Middlebury .flo in "
+    "pixels.\n"
     "Prints flow_seconds: the time of the flow alone, images in memory.\n"
     "\n"
     "  --mask M.png        8-bit, size of the images: pixels of FIRST that are 0 are excluded\n"
@@ -71,7 +72,8 @@ Arguments parse(const std::vector<std::string>& words) {
     if (word == "--settings") arguments.settings = value;
     if (word == "--threads") arguments.threads = parseThreads(value);
   }
-  if (files.size() != 3) throw BadUsage("FIRST, SECOND and OUT.flo are needed, " + std::to_string(files.size()) + " given");
+  if (files.size() != 3)
+    throw BadUsage("FIRST, SECOND and OUT.flo are needed, " + std::to_string(files.size()) + " given");
   arguments.first = files[0];
   arguments.second = files[1];
   arguments.out = files[2];

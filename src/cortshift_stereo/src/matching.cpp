@@ -14,6 +14,20 @@ constexpr int kStep = 16;  // what OpenCV's matcher counts disparities in
 
 int roundUp(int length) { return (length + kStep - 1) / kStep * kStep; }
 
+/// Share of the matched pixels with a step of disparity beside them.
+double shareOfEdges(const cv::Mat& disparity) {
+  constexpr float kEdge = 1.5f;  // [px] no tissue is as steep
+  int edges = 0, matched = 0;
+  for (int y = 0; y + 1 < disparity.rows; ++y) {
+    const float *row = disparity.ptr<float>(y), *below = disparity.ptr<float>(y + 1);
+    for (int x = 0; x + 1 < disparity.cols; ++x) {
+      matched += !std::isnan(row[x]);
+      edges += std::abs(row[x + 1] - row[x]) > kEdge || std::abs(below[x] - row[x]) > kEdge;  // not for NaN
+    }
+  }
+  return static_cast<double>(edges) / std::max(1, matched);
+}
+
 }  // namespace
 
 cv::Mat matchSemiGlobal(const cv::Mat& left, const cv::Mat& right, const SearchRange& range) {
@@ -53,6 +67,23 @@ cv::Mat matchSemiGlobal(const cv::Mat& left, const cv::Mat& right, const SearchR
     }
   }
   return disparity;
+}
+
+cv::Mat matchByStructure(const cv::Mat& left, const cv::Mat& right, const SearchRange& range) {
+  constexpr double kManyEdges = 0.005;  // a cortex with sulci has 0.001, indoor scenes 0.02
+  constexpr int kSmallestWidth = 640;   // below, full resolution is cheap
+  if (left.cols >= kSmallestWidth) {
+    cv::Mat left_half, right_half, disparity;
+    cv::resize(left, left_half, {}, 0.5, 0.5, cv::INTER_AREA);
+    cv::resize(right, right_half, {}, 0.5, 0.5, cv::INTER_AREA);
+    const int start = static_cast<int>(std::floor(range.start / 2.0));
+    const cv::Mat half = matchSemiGlobal(left_half, right_half, {start, start + roundUp((range.size() + 1) / 2)});
+    if (shareOfEdges(half) < kManyEdges) {
+      cv::resize(2 * half, disparity, left.size(), 0, 0, cv::INTER_NEAREST);
+      return disparity;
+    }
+  }
+  return matchSemiGlobal(left, right, range);
 }
 
 SearchRange possibleRange(const StereoModel& model, double near, double far) {

@@ -47,31 +47,44 @@ std::vector<cv::Point2f> rectifyPoints(const std::vector<cv::Point2f>& raw, cons
 
 ImageQuality measureImage(const cv::Mat& image) {
   CV_Assert(image.type() == CV_8UC3);
+  constexpr int kSaturated = 250, kRowStep = 2;
+  double sum = 0, squares = 0;
+  int count = 0, saturated = 0;
+  for (int y = 0; y < image.rows; y += kRowStep) {
+    const uint8_t* row = image.ptr<uint8_t>(y);
+    for (int x = 0; x < 3 * image.cols; x += 3) {
+      const int value = row[x] + row[x + 1] + row[x + 2];
+      sum += value;
+      squares += value * value;
+      saturated += std::max({row[x], row[x + 1], row[x + 2]}) >= kSaturated;
+    }
+    count += image.cols;
+  }
+  const double mean = sum / count;
+  ImageQuality quality;
+  quality.contrast = std::sqrt(std::max(0.0, squares / count - mean * mean)) / 3;
+  quality.saturated_share = static_cast<double>(saturated) / count;
+
+  // Focus is judged in the middle, where the surgeon looks.
+  constexpr int kMiddle = 512;
+  const cv::Size middle(std::min(image.cols, kMiddle), std::min(image.rows, kMiddle));
   cv::Mat grey, values;
-  cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(image(cv::Rect({(image.cols - middle.width) / 2, (image.rows - middle.height) / 2}, middle)), grey,
+               cv::COLOR_BGR2GRAY);
   grey.convertTo(values, CV_32F);
   const auto smooth = [](const cv::Mat& from, double sigma) {
     cv::Mat out;
     cv::GaussianBlur(from, out, {}, sigma);
     return out;
   };
-  const cv::Mat one = smooth(values, 1), two = smooth(values, 2);
-  cv::Mat half;
-  cv::resize(two, half, {}, 0.5, 0.5, cv::INTER_AREA);
-  const cv::Mat four = smooth(half, std::sqrt(12.0) / 2);
-  cv::Mat quarter;
-  cv::resize(four, quarter, {}, 0.5, 0.5, cv::INTER_AREA);
-  const cv::Mat eight = smooth(quarter, std::sqrt(48.0) / 4);
-
-  std::vector<cv::Mat> channels;
-  cv::split(image, channels);
-  constexpr int kSaturated = 250;
-  const cv::Mat brightest = cv::max(cv::max(channels[0], channels[1]), channels[2]);
-  ImageQuality quality;
-  quality.contrast = standardDeviation(values);
-  quality.saturated_share =
-      static_cast<double>(cv::countNonZero(brightest >= kSaturated)) / static_cast<double>(image.total());
-  quality.sharpness = standardDeviation(one - two) / std::max(1e-6, standardDeviation(quarter - eight));
+  const auto half = [](const cv::Mat& from) {
+    cv::Mat out;
+    cv::resize(from, out, {}, 0.5, 0.5, cv::INTER_AREA);
+    return out;
+  };
+  const cv::Mat one = smooth(values, 1), two = smooth(one, std::sqrt(3.0));
+  const cv::Mat four = half(smooth(half(two), std::sqrt(12.0) / 2)), eight = smooth(four, std::sqrt(48.0) / 4);
+  quality.sharpness = standardDeviation(one - two) / std::max(1e-6, standardDeviation(four - eight));
   return quality;
 }
 
@@ -92,13 +105,15 @@ void checkImage(const ImageQuality& quality, const PairLimits& limits, const std
 
 EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Mat& disparity,
                                          const Rectifier& rectifier) {
-  cv::Mat left, right;
-  pair.left.convertTo(left, CV_8U);
-  pair.right.convertTo(right, CV_8U);
-  constexpr int kCorners = 400;
+  const cv::Mat &left = pair.left_sharp, &right = pair.right_sharp;
+  constexpr int kCorners = 300;
   std::vector<cv::Point2f> corners, from, found;
-  cv::goodFeaturesToTrack(left, corners, kCorners, 0.01, std::max(8.0, left.cols / 64.0), pair.left_usable, 5);
-  for (const cv::Point2f& corner : corners) {
+  cv::Mat half, half_usable;
+  cv::resize(left, half, {}, 0.5, 0.5, cv::INTER_AREA);
+  cv::resize(pair.left_usable, half_usable, half.size(), 0, 0, cv::INTER_NEAREST);
+  cv::goodFeaturesToTrack(half, corners, kCorners, 0.01, std::max(5.0, half.cols / 64.0), half_usable, 3);
+  for (cv::Point2f& corner : corners) {
+    corner = 2 * corner + cv::Point2f(0.5f, 0.5f);
     const float d = disparity.at<float>(cvRound(corner.y), cvRound(corner.x));
     if (!std::isfinite(d)) continue;
     from.push_back(corner);
@@ -108,7 +123,7 @@ EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Ma
   if (from.empty()) return residual;
   std::vector<uint8_t> status;
   std::vector<float> error;
-  cv::calcOpticalFlowPyrLK(left, right, from, found, status, error, {21, 21}, 2,
+  cv::calcOpticalFlowPyrLK(left, right, from, found, status, error, {15, 15}, 2,
                            cv::TermCriteria(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 15, 0.02),
                            cv::OPTFLOW_USE_INITIAL_FLOW);
   std::vector<cv::Point2f> left_raw, right_raw;

@@ -6,6 +6,7 @@
 #include <opencv2/core/utility.hpp>
 #include <string>
 
+#include "cortshift_stereo/refinement.hpp"
 #include "cortshift_stereo/triangulation.hpp"
 
 namespace cortshift_stereo {
@@ -77,6 +78,7 @@ void ReconstructionSettings::validate() const {
   require(min_working_distance > 0, "min_working_distance", min_working_distance, "> 0 m");
   require(max_working_distance > min_working_distance, "max_working_distance", max_working_distance,
           "> min_working_distance");
+  require(max_deviation > 0, "max_deviation", max_deviation, "> 0 px");
   require(relief >= 0, "relief", relief, ">= 0 m");
 }
 
@@ -91,25 +93,27 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
 
   ReconstructionResult result;
   ReconstructionQuality& quality = result.quality;
-  quality.left = measureImage(left);
-  quality.right = measureImage(right);
+  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
+    for (int side = sides.start; side < sides.end; ++side)
+      (side == 0 ? quality.left : quality.right) = measureImage(side == 0 ? left : right);
+  });
   checkImage(quality.left, limits, "left");
   checkImage(quality.right, limits, "right");
 
   const RectifiedPair pair = rectifier.rectify(left, right);
-  cv::Mat left_grey, right_grey;
-  pair.left.convertTo(left_grey, CV_8U);
-  pair.right.convertTo(right_grey, CV_8U);
   const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
-  quality.search_range = usedRange(left_grey, right_grey, model, possible, settings.relief);
+  quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
   if (quality.search_range.size() == 0)
     throw PairError("no_match", "The two images do not match at any working distance between " +
                                     number(settings.min_working_distance) + " and " +
                                     number(settings.max_working_distance) +
                                     " m: check that both belong to one pair, that left and right are not swapped, and "
                                     "the calibration.");
-  result.disparity = matchSemiGlobal(left_grey, right_grey, quality.search_range);
+  result.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, quality.search_range);
   dropUnusable(result.disparity, pair);
+  const RefinedDisparity refined = refineDisparity(pair, result.disparity);
+  result.disparity = refined.disparity;
+  result.disparity.setTo(std::numeric_limits<float>::quiet_NaN(), refined.deviation > settings.max_deviation);
 
   quality.coverage = shareOfValid(result.disparity);
   quality.epipolar = measureEpipolarResidual(pair, result.disparity, rectifier);
@@ -118,8 +122,8 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   Surface& surface = result.surface_left;
   surface.points = triangulate(result.disparity, model);
   surface.colour = pair.left_colour;
-  surface.confidence = cv::Mat(result.disparity.size(), CV_32FC1, cv::Scalar(0));
-  surface.confidence.setTo(1, result.disparity == result.disparity);
+  surface.confidence = confidenceOf(refined.deviation);
+  surface.confidence.setTo(0, ~(result.disparity == result.disparity));
   result.seconds = static_cast<double>(cv::getTickCount() - start) / cv::getTickFrequency();
   return result;
 }

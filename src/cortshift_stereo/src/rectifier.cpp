@@ -1,7 +1,9 @@
 #include "cortshift_stereo/rectifier.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
+#include <opencv2/core/hal/intrin.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
@@ -12,9 +14,26 @@ namespace {
 
 constexpr int kSaturated = 250;  // [grey levels] in the brightest channel: tissue there has no texture left
 
+constexpr double kBlur = 0.9;  // [px] before resampling: what is left is what cubic convolution can interpolate
+
+/// Mean of the channels: sensor noise is alike in all three, so that equal weights have the least of it.
+cv::Mat luminance(const cv::Mat& bgr) {
+  cv::Mat grey(bgr.size(), CV_32FC1);
+  cv::parallel_for_(cv::Range(0, bgr.rows), [&](const cv::Range& rows) {
+    for (int y = rows.start; y < rows.end; ++y) {
+      const uint8_t* from = bgr.ptr<uint8_t>(y);
+      float* to = grey.ptr<float>(y);
+      for (int x = 0; x < bgr.cols; ++x)
+        to[x] = static_cast<float>(from[3 * x] + from[3 * x + 1] + from[3 * x + 2]) * (1.0f / 3);
+    }
+  });
+  return grey;
+}
+
 /// Luminance at the positions of `map`, without the 1/32 px grid that cv::remap rounds positions to.
 cv::Mat sample(const cv::Mat& image, const cv::Mat& map, const cv::Mat& inside) {
   cv::Mat out(map.size(), CV_32FC1);
+  const std::size_t step = image.step1();
   cv::parallel_for_(cv::Range(0, out.rows), [&](const cv::Range& rows) {
     for (int y = rows.start; y < rows.end; ++y) {
       const auto* at = map.ptr<cv::Vec2f>(y);
@@ -28,9 +47,48 @@ cv::Mat sample(const cv::Mat& image, const cv::Mat& map, const cv::Mat& inside) 
         const int column = static_cast<int>(at[x][0]), row = static_cast<int>(at[x][1]);
         const CubicWeights horizontal(at[x][0] - static_cast<float>(column));
         const CubicWeights vertical(at[x][1] - static_cast<float>(row));
-        float sum = 0;
-        for (int k = 0; k < 4; ++k) sum += vertical[k] * horizontal.apply(image.ptr<float>(row - 1 + k) + column - 1);
-        to[x] = sum;
+        const float* first = image.ptr<float>(row - 1) + column - 1;
+        cv::v_float32x4 rows_summed = cv::v_load(first) * cv::v_setall_f32(vertical[0]);
+        for (int k = 1; k < 4; ++k)
+          rows_summed = cv::v_muladd(cv::v_load(first + static_cast<std::size_t>(k) * step),
+                                     cv::v_setall_f32(vertical[k]), rows_summed);
+        to[x] = cv::v_reduce_sum(rows_summed * cv::v_load(horizontal.data()));
+      }
+    }
+  });
+  return out;
+}
+
+/// Colours at the positions of `map`; black outside.
+cv::Mat sampleColour(const cv::Mat& bgr, const cv::Mat& map, const cv::Mat& inside) {
+  cv::Mat four, values;  // four channels fill a vector register
+  cv::cvtColor(bgr, four, cv::COLOR_BGR2BGRA);
+  four.convertTo(values, CV_32F);
+  cv::Mat out(map.size(), CV_8UC3);
+  const std::size_t step = values.step1();
+  cv::parallel_for_(cv::Range(0, out.rows), [&](const cv::Range& rows) {
+    for (int y = rows.start; y < rows.end; ++y) {
+      const auto* at = map.ptr<cv::Vec2f>(y);
+      const uint8_t* in = inside.ptr<uint8_t>(y);
+      auto* to = out.ptr<cv::Vec3b>(y);
+      for (int x = 0; x < out.cols; ++x) {
+        if (!in[x]) {
+          to[x] = cv::Vec3b::all(0);
+          continue;
+        }
+        const int column = static_cast<int>(at[x][0]), row = static_cast<int>(at[x][1]);
+        const CubicWeights horizontal(at[x][0] - static_cast<float>(column));
+        const CubicWeights vertical(at[x][1] - static_cast<float>(row));
+        const float* first = values.ptr<float>(row - 1) + 4 * (column - 1);
+        cv::v_float32x4 sum = cv::v_setzero_f32();
+        for (int k = 0; k < 4; ++k)
+          for (int i = 0; i < 4; ++i)
+            sum = cv::v_muladd(cv::v_load(first + static_cast<std::size_t>(k) * step + 4 * i),
+                               cv::v_setall_f32(vertical[k] * horizontal[i]), sum);
+        const cv::v_int32x4 rounded = cv::v_round(sum);
+        int channels[4];
+        cv::v_store(channels, rounded);
+        for (int c = 0; c < 3; ++c) to[x][c] = cv::saturate_cast<uint8_t>(channels[c]);
       }
     }
   });
@@ -72,9 +130,18 @@ Rectifier::Side Rectifier::makeSide(const CameraModel& camera, const PixelWarp& 
 }
 
 cv::Mat Rectifier::usable(const cv::Mat& raw, const Side& side) {
-  std::vector<cv::Mat> channels;
-  cv::split(raw, channels);
-  cv::Mat mask = cv::max(cv::max(channels[0], channels[1]), channels[2]) < kSaturated;
+  cv::Mat mask(raw.size(), CV_8UC1);
+  bool any = false;
+  for (int y = 0; y < raw.rows; ++y) {
+    const uint8_t* from = raw.ptr<uint8_t>(y);
+    uint8_t* to = mask.ptr<uint8_t>(y);
+    for (int x = 0; x < raw.cols; ++x) {
+      const bool saturated = std::max({from[3 * x], from[3 * x + 1], from[3 * x + 2]}) >= kSaturated;
+      any |= saturated;
+      to[x] = saturated ? 0 : 255;
+    }
+  }
+  if (!any) return side.inside;
   // The rim of a highlight is blurred and clipped in part; the interpolation kernel reaches over it.
   cv::erode(mask, mask, cv::Mat::ones(5, 5, CV_8U));
   cv::Mat rectified;
@@ -88,18 +155,23 @@ RectifiedPair Rectifier::rectify(const cv::Mat& left, const cv::Mat& right) cons
       throw std::invalid_argument("rectify: both images must be 8-bit colour and of the calibrated size " +
                                   std::to_string(model_.left.size.width) + "x" +
                                   std::to_string(model_.left.size.height));
-  const auto luminance = [](const cv::Mat& raw, const Side& side) {
-    cv::Mat grey, grey_float;
-    cv::cvtColor(raw, grey, cv::COLOR_BGR2GRAY);
-    grey.convertTo(grey_float, CV_32F);
-    return sample(grey_float, side.map, side.inside);
-  };
   RectifiedPair out;
-  out.left = luminance(left, left_);
-  out.right = luminance(right, right_);
-  cv::remap(left, out.left_colour, left_.map_near, left_.map_share, cv::INTER_CUBIC);
-  out.left_usable = usable(left, left_);
-  out.right_usable = usable(right, right_);
+  const auto rectifySide = [](const cv::Mat& raw, const Side& side, cv::Mat& smooth, cv::Mat& sharp, cv::Mat& mask) {
+    cv::Mat grey = luminance(raw), rounded;
+    grey.convertTo(rounded, CV_8U);
+    cv::remap(rounded, sharp, side.map_near, side.map_share, cv::INTER_LINEAR);
+    cv::GaussianBlur(grey, grey, {5, 5}, kBlur, 0, cv::BORDER_REPLICATE);
+    smooth = sample(grey, side.map, side.inside);
+    mask = usable(raw, side);
+  };
+  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
+    for (int side = sides.start; side < sides.end; ++side)
+      if (side == 0)
+        rectifySide(left, left_, out.left, out.left_sharp, out.left_usable);
+      else
+        rectifySide(right, right_, out.right, out.right_sharp, out.right_usable);
+  });
+  out.left_colour = sampleColour(left, left_.map, left_.inside);
   return out;
 }
 

@@ -28,12 +28,22 @@ inline double quantile(std::vector<float> values, double share) {
   return *at;
 }
 
-/// One stage of a case, seen.
+/// What is done to the light on its way to the pixels.
+struct Exposure {
+  double noise = 0;       ///< standard deviation, of full scale
+  double right_gain = 1;  ///< of the right camera over the left
+  std::uint64_t frame = 0;
+};
+
+/// One stage of a case, rendered once and exposed as often as wanted.
 class PhantomPair {
  public:
   PhantomPair(const cortshift_stereo_phantom::PhantomCase& description, int stage)
-      : scene_(std::make_shared<cortshift_stereo_phantom::PhantomScene>(description)), pairs_(scene_), stage_(stage) {
+      : scene_(std::make_shared<cortshift_stereo_phantom::PhantomScene>(description)) {
     using namespace cortshift_stereo_phantom;
+    for (const Side side : {Side::kLeft, Side::kRight})
+      light_[side == Side::kRight] =
+          renderView(*scene_, stage, scene_->view(stage, side), description.image.supersampling);
     const View view = scene_->rectified(stage, Side::kLeft);
     const ViewTruth truth = truthOf(*scene_, stage, view);
     depth_.create(view.size, CV_32FC1);
@@ -50,7 +60,12 @@ class PhantomPair {
 
   const cortshift_stereo::StereoModel& model() const { return scene_->stereoHead().model; }
   const cortshift_stereo_phantom::PhantomScene& scene() const { return *scene_; }
-  cortshift_stereo_phantom::StereoImages take(std::uint64_t frame) { return pairs_.take(stage_, frame); }
+  cortshift_stereo_phantom::StereoImages take(const Exposure& exposure) const {
+    using namespace cortshift_stereo_phantom;
+    const Sensor sensor(exposure.noise, 1);
+    return {sensor.expose(Sensor::prepare(light_[0]), exposure.frame, Side::kLeft),
+            sensor.expose(Sensor::prepare(light_[1] * exposure.right_gain), exposure.frame, Side::kRight)};
+  }
 
   /// CV_32FC1 [m] along the rectified z axis; NaN where nothing is seen.
   const cv::Mat& depth() const { return depth_; }
@@ -80,8 +95,7 @@ class PhantomPair {
 
  private:
   std::shared_ptr<cortshift_stereo_phantom::PhantomScene> scene_;
-  cortshift_stereo_phantom::PhantomPairs pairs_;
-  int stage_;
+  cv::Mat light_[2];
   cv::Mat depth_;
   cv::Mat craniotomy_;
 };

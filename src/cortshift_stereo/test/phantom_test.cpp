@@ -78,6 +78,33 @@ TEST(PhantomTruth, seesTheNearestSheetBesideHoleAndRetractor) {
     expectTruthExact(theatreScene(), stage, theatreScene().view(stage, Side::kRight), 1500);
 }
 
+TEST(PhantomTruth, seesTheNearestSheetWhereOneHidesAnother) {
+  // Pixels beside a jump in the material coordinates: there the surface hides a part of itself.
+  PhantomCase steep = theatreScene().description();
+  steep.stages.erase(steep.stages.begin(), steep.stages.end() - 1);
+  steep.stages[0].hole->wall = 0.0015;
+  steep.stages[0].microscope.tilt = {0.25, -0.2};
+  const PhantomScene scene(steep);
+  const View view = scene.view(0, Side::kLeft);
+  const ViewTruth truth = truthOf(scene, 0, view);
+  int compared = 0, wrong = 0;
+  for (int row = 1; row + 1 < view.size.height; ++row)
+    for (int column = 1; column + 1 < view.size.width; ++column) {
+      const cv::Vec2d here = truth.material.at<cv::Vec2d>(row, column);
+      constexpr double kJump = 0.0008;  // ten pixels' worth [m]
+      if (!(cv::norm(here - truth.material.at<cv::Vec2d>(row, column + 1)) > kJump) &&
+          !(cv::norm(here - truth.material.at<cv::Vec2d>(row + 1, column)) > kJump))
+        continue;
+      const Eigen::Vector3d ray = view.T_pmr_camera.linear() * view.direction(column, row).homogeneous();
+      const auto hit = scene.castRay(0, view.T_pmr_camera.translation(), ray);
+      ASSERT_TRUE(hit.has_value());
+      ++compared;
+      wrong += (hit->point_pmr - toEigen(truth.points_pmr.at<cv::Vec3d>(row, column))).norm() > kMicrometre;
+    }
+  EXPECT_GT(compared, 100);
+  EXPECT_EQ(wrong, 0) << "of " << compared;
+}
+
 TEST(PhantomTruth, everyMaterialOfTheTheatreIsSeen) {
   const PhantomScene& scene = theatreScene();
   const auto share = [&](const std::string& stage_name, Material what) {

@@ -35,7 +35,7 @@ class PoseLookupTest : public ::testing::Test {
     message.transforms = {edge("reference", "microscope", t, x)};
     moving.publish(message);
   }
-  double x(double t, double timeout) const {
+  double x(double t, double timeout) {
     return lookup.lookup("pmr", "left_optical", ros::Time(1000 + t), ros::WallDuration(timeout)).translation().x();
   }
 

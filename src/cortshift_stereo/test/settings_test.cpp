@@ -161,5 +161,148 @@ TEST(SettingsWarp, WhatMovingPupilsLeaveIsReported) {
   }
 }
 
+template <typename Action>
+std::string refusal(const Action& action) {
+  try {
+    action();
+  } catch (const CalibrationError& fault) {
+    return fault.what();
+  }
+  return "not refused";
+}
+
+/// The left camera's field without noise, from few views.
+const SettingsCalibration& leftField() {
+  static const SettingsCalibration field = [] {
+    std::mt19937 random(3);
+    const SimulatedZoomHead head;
+    return calibrateSettings(head.size, head.reference, viewsOf(head, Side::kLeft, 0, random));
+  }();
+  return field;
+}
+
+TEST(SettingsWarp, IsIdentityAtTheReferenceAndInvertible) {
+  const auto& warp = leftField().warp;
+  const MicroscopeSetting other{1.13, 0.31};
+  for (const cv::Point2d pixel : {cv::Point2d(512, 384), cv::Point2d(300, 250), cv::Point2d(700, 500)}) {
+    EXPECT_EQ(warp.toSetting(pixel, warp.model().reference), pixel);
+    EXPECT_LT(cv::norm(warp.toReference(warp.toSetting(pixel, other), other) - pixel), 1e-6);
+    EXPECT_GT(cv::norm(warp.toSetting(pixel, other) - pixel), 1);
+  }
+}
+
+TEST(SettingsWarp, RefusesSettingsOutsideTheHullAndNamesTheRange) {
+  const auto& warp = leftField().warp;
+  EXPECT_TRUE(warp.covers({1.4, 0.35}));
+  for (const MicroscopeSetting outside : {MicroscopeSetting{1.41, 0.3}, {1.0, 0.24}, {std::nan(""), 0.3}, {1.0, 300}}) {
+    EXPECT_FALSE(warp.covers(outside));
+    EXPECT_THROW(warp.toSetting({512, 384}, outside), SettingNotCalibrated);
+    EXPECT_THROW(warp.compose(cv::Mat(4, 4, CV_32FC2, cv::Scalar(0, 0)), outside), SettingNotCalibrated);
+  }
+  EXPECT_THAT(refusal([&] {
+                warp.requireCovered({1.41, 0.3});
+              }),
+              testing::AllOf(testing::HasSubstr("magnification 1.41, focal length 300 mm"),
+                             testing::HasSubstr("magnification 0.7 to 1.4, focal length 250 to 350 mm")));
+}
+
+TEST(SettingsWarp, RefusesTheEmptyCornerOfATriangleOfSettings) {
+  auto model = leftField().warp.model();
+  model.calibrated = {{0.7, 0.25}, {1.4, 0.25}, {0.7, 0.35}, {1.0, 0.3}};
+  const SettingsWarp warp(model);
+  EXPECT_TRUE(warp.covers({0.8, 0.27}));
+  EXPECT_FALSE(warp.covers({1.3, 0.34}));
+  model.calibrated = {{0.7, 0.3}, {1.4, 0.3}};
+  const SettingsWarp line(model);
+  EXPECT_TRUE(line.covers({0.9, 0.3}));
+  EXPECT_FALSE(line.covers({0.9, 0.301}));
+}
+
+TEST(SettingsWarp, ComposesWithRectificationIntoOneMap) {
+  const SimulatedZoomHead head;
+  const auto& warp = leftField().warp;
+  const MicroscopeSetting setting{1.25, 0.29};
+  const StereoModel model = head.referenceModel();
+  cv::Mat to_reference, unused;
+  cv::initUndistortRectifyMap(model.left.K, model.left.D, model.left.R, model.left.P, model.left.size, CV_32FC2,
+                              to_reference, unused);
+  const cv::Mat map = warp.compose(to_reference, setting);
+  int inside = 0;
+  for (int y = 0; y < map.rows; y += 16)
+    for (int x = 0; x < map.cols; x += 16) {
+      const auto at = map.at<cv::Point2f>(y, x);
+      if (at == cv::Point2f(-1, -1)) continue;
+      ++inside;
+      // The ray of the rectified pixel, seen at the setting.
+      const cv::Vec3d ray = model.left.R.t() * cv::Vec3d((x - model.left.P(0, 2)) / model.left.P(0, 0),
+                                                         (y - model.left.P(1, 2)) / model.left.P(1, 1), 1);
+      const auto expected = head.project(Side::kLeft, setting, {cv::Point3d(0.3 * ray)}).front();
+      EXPECT_LT(cv::norm(cv::Point2d(at) - expected), 0.1) << x << ", " << y;
+    }
+  EXPECT_GT(inside, 500);
+  EXPECT_EQ(map.at<cv::Point2f>(0, 0), cv::Point2f(-1, -1));  // no board was there
+  EXPECT_THROW(warp.compose(cv::Mat(4, 4, CV_32FC1), setting), std::invalid_argument);
+}
+
+TEST(SettingsWarp, IsReadBackExactlyOrRefusedByFileAndKey) {
+  const ScratchFolder folder;
+  const std::string path = folder.file("settings_left.yaml");
+  const auto& warp = leftField().warp;
+  writeSettingsWarp(path, warp, "a remark");
+  const SettingsWarp read = readSettingsWarp(path);
+  const MicroscopeSetting setting{0.93, 0.33};
+  EXPECT_EQ(read.toSetting({123, 456}, setting), warp.toSetting({123, 456}, setting));
+  EXPECT_EQ(read.model().region, warp.model().region);
+  EXPECT_TRUE(read.covers({0.7, 0.25}));
+
+  std::ostringstream text;
+  text << std::ifstream(path).rdbuf();
+  const auto refused = [&](const std::string& from, const std::string& to) {
+    std::string spoiled = text.str();
+    spoiled.replace(spoiled.find(from), from.size(), to);
+    std::ofstream(path) << spoiled;
+    const std::string message = refusal([&] { readSettingsWarp(path); });
+    EXPECT_THAT(message, testing::HasSubstr(path));
+    return message;
+  };
+  EXPECT_THAT(refused("radius:", "radios:"), testing::HasSubstr("radius is missing"));
+  EXPECT_THAT(refused("coefficients: [", "coefficients: [1, 1, "), testing::HasSubstr("coefficients for"));
+  EXPECT_THAT(refused("setting_powers: [", "setting_powers: [0, 0, "), testing::HasSubstr("does not vanish"));
+  EXPECT_THAT(refused("image_size: [1024", "image_size: [0"), testing::HasSubstr("image size"));
+  EXPECT_THAT(refusal([] { readSettingsWarp("/nowhere/settings_left.yaml"); }), testing::HasSubstr("no such file"));
+}
+
+TEST(SettingsCalibration, NamesTheViewDuringWhichTheBoardMoved) {
+  std::mt19937 random(4);
+  const SimulatedZoomHead head;
+  auto views = viewsOf(head, Side::kLeft, kCornerNoise, random);
+  for (auto& corner : views[12].at_setting) corner += cv::Point2d(4, -3);
+  const auto result = calibrateSettings(head.size, head.reference, views);
+  ASSERT_EQ(result.rejected.size(), 1U);
+  EXPECT_EQ(result.rejected[0].name, views[12].name);
+  EXPECT_THAT(result.rejected[0].reason, testing::HasSubstr("did the board move"));
+  EXPECT_LT(result.held_out_rms, 0.15);
+}
+
+TEST(SettingsCalibration, RefusesWhatCannotBeChecked) {
+  std::mt19937 random(5);
+  const SimulatedZoomHead head;
+  const auto views = viewsOf(head, Side::kLeft, kCornerNoise, random);
+  const auto calibrate = [&](std::vector<SettingView> some) {
+    return refusal([&] { calibrateSettings(head.size, head.reference, some); });
+  };
+  EXPECT_THAT(calibrate({}), testing::HasSubstr("no views"));
+  EXPECT_THAT(calibrate({views[0], views[4]}), testing::HasSubstr("no setting lies between others"));
+  auto cut = views;
+  cut[7].at_setting.pop_back();
+  EXPECT_THAT(calibrate(cut), testing::AllOf(testing::HasSubstr(cut[7].name), testing::HasSubstr("87 corners")));
+  auto zero = views;
+  zero[3].setting.magnification = 0;
+  EXPECT_THAT(calibrate(zero), testing::HasSubstr(zero[3].name));
+  auto shuffled = views;  // settings that are not those of the images
+  for (std::size_t i = 0; i < shuffled.size(); ++i) shuffled[i].setting = views[(7 * i + 3) % 25].setting;
+  EXPECT_THAT(calibrate(shuffled), testing::Not("not refused"));
+}
+
 }  // namespace
 }  // namespace cortshift_stereo

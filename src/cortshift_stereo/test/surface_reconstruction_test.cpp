@@ -278,7 +278,10 @@ TEST_F(SurfaceReconstructionTest, aBadCalibrationIsRefused) {
   theatre->waitFor([] { return false; }, 0.3);
 }
 
-TEST_F(SurfaceReconstructionTest, anotherMicroscopeSettingIsRefused) {
+TEST_F(SurfaceReconstructionTest, aMicroscopeSettingOtherThanThatOfTheCalibrationIsRefused) {
+  theatre->sendSettings(1.0);
+  theatre->waitFor([] { return false; }, 0.3);
+  EXPECT_EQ(dropOfPair(left, right), "no drop");  // none is configured: the first one counts
   theatre->sendSettings(2.5);
   theatre->waitFor([] { return false; }, 0.3);
   expectReason(dropOfPair(left, right), "settings", "magnification 2.5");

@@ -2,7 +2,8 @@
 #include <cstdio>
 
 #include "command_line.hpp"
-#include "cortshift_stereo/calibration/settings_manifest.hpp"
+#include "cortshift_stereo/calibration/setting_views.hpp"
+#include "cortshift_stereo/calibration/settings_report.hpp"
 #include "cortshift_stereo/calibration/stereo_report.hpp"
 
 namespace cortshift_stereo {

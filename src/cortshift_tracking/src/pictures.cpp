@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "flow_targets.hpp"
+
 namespace cortshift_tracking {
 namespace {
 
@@ -104,7 +106,7 @@ double scaleEnd(const DisplacementField& field) {
   const auto at = magnitudes.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(magnitudes.size() - 1));
   std::nth_element(magnitudes.begin(), at, magnitudes.end());
   const double largest = std::max(*at, 0.0001), power = std::pow(10, std::floor(std::log10(largest) + 1e-9));
-  for (const double step : {1.0, 2.0, 5.0})
+  for (const double step : {1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0})
     if (largest <= step * power * (1 + 1e-6)) return step * power;
   return 10 * power;
 }
@@ -114,18 +116,16 @@ cv::Mat overlayBefore(const ShiftResult& result) {
 }
 
 cv::Mat overlayAfter(const ShiftResult& result) {
-  cv::Mat map(result.flow.size(), CV_32FC2), colour, mask;
-  for (int row = 0; row < map.rows; ++row)
-    for (int column = 0; column < map.cols; ++column)
-      map.at<cv::Vec2f>(row, column) =
-          result.flow.at<cv::Vec2f>(row, column) + cv::Vec2f(static_cast<float>(column), static_cast<float>(row));
+  const cv::Mat map = flowTargets(result.flow);
+  cv::Mat colour, mask;
   cv::remap(result.later.colour, colour, map, {}, cv::INTER_CUBIC);
   cv::remap(result.later.mask, mask, map, {}, cv::INTER_NEAREST);
   cv::Mat canvas = overlay(result, colour, mask, "after compensation; inside the line: trusted");
   std::vector<std::vector<cv::Point>> outlines;
   cv::findContours(upright(validMask(result.field), cv::INTER_NEAREST) > 127, outlines, cv::RETR_CCOMP,
                    cv::CHAIN_APPROX_NONE);
-  cv::drawContours(canvas, outlines, -1, {255, 160, 60}, 1);
+  for (std::size_t i = 0; i < outlines.size(); ++i)
+    if (cv::contourArea(outlines[i]) > 40) cv::drawContours(canvas, outlines, static_cast<int>(i), {255, 160, 60}, 1);
   return canvas;
 }
 

@@ -32,37 +32,57 @@ void ShiftSettings::validate() const {
   registration.validate();
   trust.validate();
   inversion.validate();
+  strain.validate();
 }
 
 void ShiftSettings::setThreads(int threads) {
   projection.threads = threads;
   registration.flow.threads = threads;
   inversion.threads = threads;
+  strain.threads = threads;
 }
 
-ShiftResult computeShift(const cortshift_stereo::Surface& earlier_pmr, const cortshift_stereo::Surface& later_pmr,
+Reference prepareReference(const cortshift_stereo::Surface& earlier_pmr, const ShiftSettings& settings,
+                           const std::vector<Region>& excluded) {
+  settings.validate();
+  Stopwatch watch;
+  Reference reference;
+  reference.frame = fitProjectionFrame(earlier_pmr, settings.frame);
+  reference.projection = project(earlier_pmr, reference.frame, settings.projection);
+  reference.excluded = excludedMask(reference.frame, excluded);
+  reference.usable = usableMask(reference.projection, settings.trust);
+  reference.usable.setTo(0, reference.excluded);
+  reference.seconds = watch.lap();
+  return reference;
+}
+
+ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surface& later_pmr,
                          const Directions& directions, const ShiftSettings& settings) {
   settings.validate();
   Stopwatch watch;
   ShiftResult result;
-  const ProjectionFrame frame = fitProjectionFrame(earlier_pmr, settings.frame);
-  result.earlier = project(earlier_pmr, frame, settings.projection);
-  result.later = project(later_pmr, frame, settings.projection);
-  const cv::Mat earlier_usable = usableMask(result.earlier, settings.trust),
-                later_usable = usableMask(result.later, settings.trust);
+  result.earlier = earlier.projection;
+  result.later = project(later_pmr, earlier.frame, settings.projection);
+  cv::Mat later_usable = usableMask(result.later, settings.trust);
+  later_usable.setTo(0, earlier.excluded);
   const double overlap = overlapOf(result.earlier, result.later);
   if (!(overlap > 0))
     throw TrackingError("the two surfaces do not overlap in the projection; check the registration of both stages");
   const double projection_seconds = watch.lap();
 
   const cortshift_flow::FlowResult registered =
-      registerProjections(result.earlier, result.later, earlier_usable, later_usable, settings.registration);
+      registerProjections(result.earlier, result.later, earlier.usable, later_usable, settings.registration);
   result.flow = registered.flow;
   const double flow_seconds = watch.lap();
 
   const cv::Mat confidence = combineConfidence(result.earlier, result.later, registered.flow, registered.confidence,
-                                               earlier_usable, later_usable, settings.trust);
-  result.field = invert(frame, result.earlier, result.later, registered.flow, confidence, settings.inversion);
+                                               earlier.usable, later_usable, settings.trust);
+  result.field = invert(earlier.frame, result.earlier, result.later, registered.flow, confidence, settings.inversion);
+  if (settings.with_strain) {
+    const Strain strain = surfaceStrain(result.field, settings.strain);
+    result.field.strain_major = strain.major;
+    result.field.strain_minor = strain.minor;
+  }
   const double inversion_seconds = watch.lap();
 
   result.summary = summarise(result.field, overlap, directions.first_normal_pmr, directions.gravity_pmr);
@@ -72,6 +92,15 @@ ShiftResult computeShift(const cortshift_stereo::Surface& earlier_pmr, const cor
   if (result.summary.valid_points == 0)
     throw TrackingError("no displacement can be trusted (overlap " + percent(overlap) +
                         "); capture a stage with the same cortex in view, in focus and free of blood");
+  return result;
+}
+
+ShiftResult computeShift(const cortshift_stereo::Surface& earlier_pmr, const cortshift_stereo::Surface& later_pmr,
+                         const Directions& directions, const ShiftSettings& settings,
+                         const std::vector<Region>& excluded) {
+  const Reference reference = prepareReference(earlier_pmr, settings, excluded);
+  ShiftResult result = computeShift(reference, later_pmr, directions, settings);
+  result.summary.projection_seconds += reference.seconds;
   return result;
 }
 

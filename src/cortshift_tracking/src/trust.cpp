@@ -5,7 +5,9 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "cortshift_flow/flow.hpp"
 #include "cortshift_tracking/error.hpp"
+#include "flow_targets.hpp"
 #include "range.hpp"
 
 namespace cortshift_tracking {
@@ -48,14 +50,17 @@ cv::Mat luminance(const cv::Mat& colour) {
   return grey;
 }
 
-/// Where each pixel of the earlier image is found in the later one.
-cv::Mat targets(const cv::Mat& flow) {
-  cv::Mat map(flow.size(), CV_32FC2);
-  for (int row = 0; row < flow.rows; ++row)
-    for (int column = 0; column < flow.cols; ++column)
-      map.at<cv::Vec2f>(row, column) =
-          flow.at<cv::Vec2f>(row, column) + cv::Vec2f(static_cast<float>(column), static_cast<float>(row));
-  return map;
+/// The flow's confidence, which stands for an error in grid units, as one that stands for millimetres of tissue: a
+/// field is as good on a fine grid as on a coarse one.
+cv::Mat confidenceInSpace(const cv::Mat& flow_confidence, double resolution, double half_trust) {
+  cv::Mat result(flow_confidence.size(), CV_32FC1);
+  for (int row = 0; row < result.rows; ++row)
+    for (int column = 0; column < result.cols; ++column) {
+      const double ratio =
+          cortshift_flow::predictedError(flow_confidence.at<float>(row, column)) * resolution / half_trust;
+      result.at<float>(row, column) = static_cast<float>(1 / (1 + ratio * ratio));
+    }
+  return result;
 }
 
 cv::Mat sample(const cv::Mat& image, const cv::Mat& map, int interpolation) {
@@ -71,6 +76,7 @@ void TrustSettings::validate() const {
   requireRange("glare", glare, 0.5, 1.0);
   requireRange("glare_margin", glare_margin, 0.0, 0.01);
   requireRange("match_window", match_window, 0.0005, 0.02);
+  requireRange("half_trust", half_trust, 0.00001, 0.01);
   requireRange("image_noise", image_noise, 0.0, 0.2);
 }
 
@@ -107,7 +113,7 @@ double overlapOf(const Projection& earlier, const Projection& later) {
 cv::Mat matchConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
                         const cv::Mat& earlier_usable, const cv::Mat& later_usable, const TrustSettings& settings) {
   settings.validate();
-  const cv::Mat map = targets(flow);
+  const cv::Mat map = flowTargets(flow);
   const cv::Mat a = luminance(earlier.colour), b = sample(luminance(later.colour), map, cv::INTER_LINEAR);
   cv::Mat weight = earlier_usable & sample(later_usable, map, cv::INTER_NEAREST);
   weight.convertTo(weight, CV_32F, 1.0 / 255.0);
@@ -143,10 +149,11 @@ cv::Mat combineConfidence(const Projection& earlier, const Projection& later, co
                           const TrustSettings& settings) {
   settings.validate();
   const double border = settings.border / earlier.resolution;
-  const cv::Mat map = targets(flow);
+  const cv::Mat map = flowTargets(flow);
   const cv::Mat allowed = erodeBorder(earlier.mask, border) & earlier_usable &
                           sample(erodeBorder(later.mask, border) & later_usable, map, cv::INTER_NEAREST);
-  cv::Mat confidence = cv::min(flow_confidence, earlier.confidence);
+  cv::Mat confidence =
+      cv::min(confidenceInSpace(flow_confidence, earlier.resolution, settings.half_trust), earlier.confidence);
   confidence = cv::min(confidence, sample(later.confidence, map, cv::INTER_LINEAR));
   confidence = cv::min(confidence, matchConfidence(earlier, later, flow, earlier_usable, later_usable, settings));
   confidence.setTo(0, allowed == 0);

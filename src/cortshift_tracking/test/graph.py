@@ -1,8 +1,10 @@
 """What the tests of the running graph share: calling its services and reading its fields."""
+import os
 import subprocess
 import time
 
 import numpy as np
+import rosbag
 import rospy
 from cortshift_msgs.msg import DisplacementField
 from cortshift_msgs.srv import CaptureStage, ComputeShift, DeleteStage, ListStages
@@ -50,6 +52,17 @@ def field_arrays(field):
         columns = [np.ascontiguousarray(raw[..., offsets[n]:offsets[n] + 4]).view(np.float32)[..., 0] for n in names]
         return np.stack(columns, axis=-1).astype(float)
     return read('x', 'y', 'z'), read('dx', 'dy', 'dz'), read('confidence')[..., 0]
+
+
+def error_of_phantom_field(case, from_stage, to_stage, field, folder):
+    """What the tool field_error says of a field, as {name: number}: error_median_mm, error_p95_mm, coverage, ..."""
+    path = os.path.join(folder, f'{field.from_key}__{field.to_key}.bag')
+    with rosbag.Bag(path, 'w') as bag:
+        bag.write('/shift/field', field, field.header.stamp)
+    output = subprocess.run(['rosrun', 'cortshift_tracking', 'field_error', '--case', case, '--from', from_stage, '--to',
+                             to_stage, path], check=True, capture_output=True, text=True).stdout
+    print(f'{from_stage} -> {to_stage}:', output.replace('\n', '; '))
+    return {name: float(value) for name, value in (line.split(': ') for line in output.splitlines())}
 
 
 class Player:

@@ -38,6 +38,12 @@ def test_replay_with_static_tf_and_bag():
     assert {'publish_static_tf', 'rosbag_play'} <= {node.name for node in config.nodes}
 
 
+def test_gravity_of_phantom_launch_is_that_of_its_case():
+    config = roslaunch.config.load_config_default([str(ROOT / 'launch/phantom.launch')], port=None, assign_machines=False)
+    case = yaml.safe_load((ROOT / 'config/phantom/phantom_case.yaml').read_text())
+    assert config.params['/shift_tracker/gravity'].value == case['gravity_in_pmr']
+
+
 def test_rviz_view_shows_cloud_arrows_and_axes():
     view = yaml.safe_load((ROOT / 'config/rviz/shift.rviz').read_text())
     shown = {d['Class'] for d in view['Visualization Manager']['Displays'] if d['Enabled']}

@@ -3,7 +3,10 @@
 #include <cortshift_msgs/ComputeShift.h>
 #include <cortshift_msgs/DeleteStage.h>
 #include <cortshift_msgs/DisplacementField.h>
+#include <cortshift_msgs/ExcludeRegions.h>
 #include <cortshift_msgs/ListStages.h>
+#include <cortshift_msgs/SetGravity.h>
+#include <cortshift_msgs/TrackShift.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <gtest/gtest.h>
 #include <ros/ros.h>
@@ -319,6 +322,116 @@ TEST_F(ShiftTrackerNode, DeletesOnlyWhatIsThere) {
   EXPECT_EQ(list()[0].key, "two");
   EXPECT_TRUE(capture("one").success);  // the key is free again, and comes after "two" now
   EXPECT_EQ(list()[1].key, "one");
+}
+
+TEST_F(ShiftTrackerNode, GravityAndExcludedRegionsCountFromTheNextShiftOn) {
+  publish(cloudOf(rest, ros::Time::now()));
+  ASSERT_TRUE(capture("a").success);
+  publish(cloudOf(sagged, ros::Time::now()));
+  ASSERT_TRUE(capture("b").success);
+  const auto before = compute("a", "b");
+  ASSERT_TRUE(before.success) << before.message;
+  const auto field = fieldFromMessage(*latched<cortshift_msgs::DisplacementField>("/shift/field"));
+
+  cortshift_msgs::SetGravity gravity;  // zero
+  ASSERT_TRUE(ros::service::call("/shift_tracker/set_gravity", gravity));
+  EXPECT_FALSE(gravity.response.success);
+  const Eigen::Vector3d against = -2 * field.frame.normal_pmr();
+  gravity.request.gravity.x = against[0];
+  gravity.request.gravity.y = against[1];
+  gravity.request.gravity.z = against[2];
+  ASSERT_TRUE(ros::service::call("/shift_tracker/set_gravity", gravity));
+  EXPECT_TRUE(gravity.response.success);
+
+  cortshift_msgs::ExcludeRegions exclude;
+  exclude.request.key = "nine";
+  ASSERT_TRUE(ros::service::call("/shift_tracker/exclude_regions", exclude));
+  EXPECT_FALSE(exclude.response.success);
+  exclude.request.key = "a";
+  exclude.request.polygons.resize(1);
+  ASSERT_TRUE(ros::service::call("/shift_tracker/exclude_regions", exclude));
+  EXPECT_FALSE(exclude.response.success);  // no corners
+  const double x = 0.5 * field.frame.size.width * field.frame.resolution,
+               y = 0.5 * field.frame.size.height * field.frame.resolution, half = 0.003;
+  for (const auto& [dx, dy] : {std::pair<double, double>{-half, -half}, {half, -half}, {half, half}, {-half, half}}) {
+    geometry_msgs::Point32 corner;
+    corner.x = static_cast<float>(x + dx);
+    corner.y = static_cast<float>(y + dy);
+    exclude.request.polygons[0].points.push_back(corner);
+  }
+  ASSERT_TRUE(ros::service::call("/shift_tracker/exclude_regions", exclude));
+  EXPECT_TRUE(exclude.response.success) << exclude.response.message;
+
+  const auto after = compute("a", "b");
+  ASSERT_TRUE(after.success) << after.message;
+  EXPECT_NEAR(after.summary.gravity_normal_angle, M_PI, 1e-6);
+  EXPECT_NEAR(after.summary.gravity_mean, -after.summary.normal_mean, 1e-9);
+  const auto holed = fieldFromMessage(*latched<cortshift_msgs::DisplacementField>("/shift/field"));
+  const int column = field.frame.size.width / 2, row = field.frame.size.height / 2;
+  EXPECT_FALSE(std::isnan(field.displacement_pmr.at<cv::Vec3f>(row, column)[0]));
+  EXPECT_TRUE(std::isnan(holed.displacement_pmr.at<cv::Vec3f>(row, column)[0]));
+  EXPECT_FALSE(std::isnan(holed.displacement_pmr.at<cv::Vec3f>(row, column + 60)[0]));
+
+  // Other stages under the same keys, seen along another normal: nothing of the old ones may linger.
+  SetUp();
+  publish(cloudOf(sagged, ros::Time::now()));
+  ASSERT_TRUE(capture("a").success);
+  publish(cloudOf(rest, ros::Time::now()));
+  ASSERT_TRUE(capture("b").success);
+  const auto anew = compute("a", "b");
+  ASSERT_TRUE(anew.success) << anew.message;
+  EXPECT_NEAR(anew.summary.gravity_normal_angle, std::acos((-field.frame.normal_pmr()).dot(averageNormal(sagged))),
+              1e-6);
+  EXPECT_GT(anew.summary.valid_points, after.summary.valid_points);
+}
+
+TEST_F(ShiftTrackerNode, LiveModePublishesAFieldForTheNewestSurfaces) {
+  publish(cloudOf(rest, ros::Time::now()));
+  ASSERT_TRUE(capture("a").success);
+  cortshift_msgs::TrackShift track;
+  track.request.on = true;
+  track.request.key = "nine";
+  ASSERT_TRUE(ros::service::call("/shift_tracker/track", track));
+  EXPECT_FALSE(track.response.success);
+  track.request.key = "a";
+  ASSERT_TRUE(ros::service::call("/shift_tracker/track", track));
+  ASSERT_TRUE(track.response.success) << track.response.message;
+
+  std::vector<ros::Time> stamps;
+  cortshift_msgs::DisplacementFieldConstPtr last;
+  ros::NodeHandle node;
+  const ros::Subscriber fields [[maybe_unused]] = node.subscribe<cortshift_msgs::DisplacementField>(
+      "/shift/field", 10,
+      boost::function<void(const cortshift_msgs::DisplacementFieldConstPtr&)>([&](const auto& message) {
+        if (message->to_key.empty()) stamps.push_back(message->to_stamp);
+        last = message;
+      }));
+  ros::Time newest;
+  for (int i = 0; i < 40; ++i) {
+    newest = ros::Time::now();
+    surfaces.publish(cloudOf(i % 2 == 0 ? rest : sagged, newest));
+    ros::WallDuration(0.1).sleep();
+    ros::spinOnce();
+  }
+  for (int i = 0; i < 100 && (stamps.empty() || stamps.back() != newest); ++i) {
+    ros::WallDuration(0.1).sleep();
+    ros::spinOnce();
+  }
+  ASSERT_GE(stamps.size(), 2U);
+  EXPECT_EQ(stamps.back(), newest);  // whatever was passed over, the newest was not
+  EXPECT_TRUE(std::is_sorted(stamps.begin(), stamps.end()));
+  EXPECT_EQ(last->from_key, "a");
+  EXPECT_EQ(last->resolution, 0.0002);
+  EXPECT_GT(last->summary.magnitude_mean, 0.003);  // the last one was the sagged surface
+  track.request.on = false;
+  ASSERT_TRUE(ros::service::call("/shift_tracker/track", track));
+  EXPECT_TRUE(track.response.success);
+  const std::size_t count = stamps.size();
+  ros::spinOnce();
+  surfaces.publish(cloudOf(rest, ros::Time::now()));
+  ros::WallDuration(1.5).sleep();
+  ros::spinOnce();
+  EXPECT_LE(stamps.size(), count + 1);  // one may have been under way
 }
 
 }  // namespace

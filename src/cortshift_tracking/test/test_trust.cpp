@@ -85,13 +85,19 @@ TEST(CombineConfidence, TheWeakestCueDecidesAtBothEnds) {
   later.confidence.at<float>(100, 110) = 0.4F;
   const cv::Mat all = fullMask(200, 200), flow_confidence(200, 200, CV_32FC1, cv::Scalar(0.7));
   cv::Mat flow = cv::Mat::zeros(200, 200, CV_32FC2);
-  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
+  TrustSettings settings;
+  settings.half_trust = 0.25 * earlier.resolution;  // the error at which the flow's own confidence is 0.5
+  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all, settings);
   EXPECT_NEAR(confidence.at<float>(100, 100), 0.7, 1e-6);
   EXPECT_NEAR(confidence.at<float>(100, 110), 0.4, 1e-6);
   EXPECT_EQ(confidence.at<float>(10, 100), 0);      // 1 mm from the border
   flow.at<cv::Vec2f>(100, 100) = cv::Vec2f(85, 0);  // ends 1.5 mm from the border
-  confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
+  confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all, settings);
   EXPECT_EQ(confidence.at<float>(100, 100), 0);
+  // Four times the tolerance in space: a quarter of the ratio.
+  settings.half_trust = earlier.resolution;
+  confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all, settings);
+  EXPECT_NEAR(confidence.at<float>(90, 100), std::min(0.8, 1 / (1 + (1 / 0.7 - 1) / 16)), 1e-6);
 }
 
 TEST(Overlap, IsAPartOfTheEarlierArea) {

@@ -14,6 +14,7 @@
 #include "cortshift_stereo/point_transform.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
+#include "cortshift_tracking/closure.hpp"
 #include "cortshift_tracking/pictures.hpp"
 #include "cortshift_tracking/shift.hpp"
 #include "cortshift_tracking_phantom/field_truth.hpp"
@@ -94,6 +95,8 @@ void run(const Options& options) {
   for (int stage = 0; stage < scene->stageCount(); ++stage) surfaces.push_back(seen(pairs, stage, options.exact));
   const Directions directions{averageNormal(surfaces[0]), scene->description().gravity_pmr};
   std::printf("%-32s | error mm: median  95 %%    max | cover | |d| mm       | s: projection flow inversion\n", "pair");
+  std::vector<DisplacementField> consecutive;
+  DisplacementField direct;
   for (int from = 0; from < scene->stageCount(); ++from)
     for (int to = from + 1; to < scene->stageCount(); ++to) {
       const auto name = [&](int stage) { return scene->description().stages[static_cast<std::size_t>(stage)].name; };
@@ -106,6 +109,8 @@ void run(const Options& options) {
         flow = std::min(flow, result.summary.flow_seconds);
         inversion = std::min(inversion, result.summary.inversion_seconds);
       }
+      if (to == from + 1) consecutive.push_back(result.field);
+      if (from == 0) direct = result.field;
       const auto error = cortshift_tracking_phantom::compareWithTruth(result.field, *scene, from, to);
       std::printf("%-32s |       %8.4f %7.4f %7.3f | %4.1f%% | %5.2f +- %5.2f | %.3f %.3f %.3f%s\n",
                   (name(from) + " -> " + name(to)).c_str(), 1e3 * error.median, 1e3 * error.p95, 1e3 * error.largest,
@@ -119,6 +124,11 @@ void run(const Options& options) {
       cv::imwrite(base + "_after.png", overlayAfter(result));
       cv::imwrite(base + "_magnitude.png", magnitudeMap(result));
     }
+  if (consecutive.size() > 1) {
+    const Closure closure = closureOf(consecutive, direct);
+    std::printf("closure of the consecutive shifts against first -> last: median %.4f mm, 95 %% %.4f mm, %zu points\n",
+                1e3 * closure.median, 1e3 * closure.p95, closure.points);
+  }
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   std::printf("peak memory %.0f MB, all stages and the phantom included\n", usage.ru_maxrss / 1024.0);

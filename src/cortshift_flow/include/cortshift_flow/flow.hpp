@@ -21,18 +21,18 @@ struct FlowSettings {
   Method method = Method::kPolished;
 
   // Eq. (3)-(5) of the paper, intensities 0...1.
-  double alpha = 0.01;     ///< weight of the smoothness term, Eq. (5)
-  double epsilon = 0.001;  ///< of psi and phi, Eq. (3) and (4)
-  int outer_iterations = 3;   ///< linearisations of the data term per level
-  int inner_iterations = 1;   ///< updates of psi' and phi' per linearisation
-  int solver_iterations = 15;  ///< sweeps of successive over-relaxation per update
+  double alpha = 0.01;         ///< weight of the smoothness term, Eq. (5)
+  double epsilon = 0.001;      ///< of psi and phi, Eq. (3) and (4)
+  int outer_iterations = 2;    ///< linearisations of the data term per level
+  int inner_iterations = 1;    ///< updates of psi' and phi' per linearisation
+  int solver_iterations = 10;  ///< sweeps of successive over-relaxation per update
 
   // Polish (kPolished).
-  double curvature = 0.002;       ///< expected second difference of the flow over 4 px [px]
-  int half_polish_iterations = 4;  ///< Gauss-Newton steps at half resolution
-  int full_polish_iterations = 2;  ///< and at full resolution
+  double curvature = 0.004;          ///< expected second difference of the flow over 4 px [px]
+  int coarse_polish_iterations = 3;  ///< Gauss-Newton steps at each coarser level
+  int full_polish_iterations = 2;    ///< and at full resolution
 
-  double search_range = 1.0 / 6;  ///< largest motion along an axis, as a share of the shorter side (kPolished)
+  double search_range = 1.0 / 8;  ///< largest motion along an axis, as a share of the shorter side (kPolished)
 
   /// The settings of a preset: "default"; "fast"; "ji2014", the paper's model with the paper's parameters.
   /// @throws std::invalid_argument for any other name.
@@ -54,9 +54,12 @@ struct FlowResult {
   cv::Mat flow;  ///< CV_32FC2, size of the first image, (u, v) in pixels; finite everywhere
 
   /// CV_32FC1, 0...1 per pixel of the first image; 0 where the mask excludes it. It stands for a predicted error e of
-  /// the flow: confidence = 1 / (1 + (e / 0.25 px)^2), so 0.5 means that 0.25 px are expected.
+  /// the flow: confidence = 1 / (1 + (e / 0.25 px)^2), so 0.5 means that 0.25 px are expected. See predictedError().
   cv::Mat confidence;
 };
+
+/// The predicted error [px] that a confidence of FlowResult stands for; infinite for 0.
+double predictedError(double confidence);
 
 /// Variational flow from `first` to `second`.
 ///

@@ -36,9 +36,18 @@ const std::vector<Case>& cases() {
          s.largest_motion = 20;
          s.featureless_patch = false;
        }},
-      {"size512", [](Settings& s) { s.size = {512, 512}; }},
-      {"size1024", [](Settings& s) { s.size = {1024, 1024}; }},
-      {"size2048", [](Settings& s) { s.size = {2048, 2048}; }},
+      {"size512",
+       [](Settings& s) {
+         s.size = {512, 512};
+       }},
+      {"size1024",
+       [](Settings& s) {
+         s.size = {1024, 1024};
+       }},
+      {"size2048",
+       [](Settings& s) {
+         s.size = {2048, 2048};
+       }},
   };
   return all;
 }

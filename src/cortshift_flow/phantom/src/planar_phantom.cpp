@@ -49,8 +49,9 @@ class Deformation {
       return d > 0 ? (p - centre_) * (factor_ / std::sqrt(d)) : Point(0, 0);
     }
     const Point q = (p - centre_) * (2 * kPi / (kReferenceSide * scale_));
-    return amplitude_ * Point(0.45 + 0.3 * std::sin(0.8 * q.x + 0.5 * q.y + 0.3) + 0.2 * std::cos(1.1 * q.y - 0.4 * q.x),
-                              -0.2 + 0.35 * std::cos(0.7 * q.x - 0.9 * q.y) + 0.15 * std::sin(1.3 * q.x + 0.2));
+    return amplitude_ *
+           Point(0.45 + 0.3 * std::sin(0.8 * q.x + 0.5 * q.y + 0.3) + 0.2 * std::cos(1.1 * q.y - 0.4 * q.x),
+                 -0.2 + 0.35 * std::cos(0.7 * q.x - 0.9 * q.y) + 0.15 * std::sin(1.3 * q.x + 0.2));
   }
 
   Point origin(const Point& p) const {
@@ -88,9 +89,7 @@ class Scene {
 
   const Deformation& deformation() const { return deformation_; }
 
-  bool inPatch(const Point& material) const {
-    return settings_.featureless_patch && patchDistance(material) < -kEdge;
-  }
+  bool inPatch(const Point& material) const { return settings_.featureless_patch && patchDistance(material) < -kEdge; }
   bool nearPatch(const Point& material) const { return settings_.featureless_patch && patchDistance(material) < 4; }
 
   /// Distance into the blood (negative outside), in the second image [px].
@@ -121,14 +120,12 @@ class Scene {
   static CorticalTexture::Settings textureSettings(const PlanarPhantomSettings& s) {
     CorticalTexture::Settings texture;
     texture.seed = s.seed;
-    texture.half_extent =
-        std::max(texture.half_extent, 0.55 * std::max(s.size.width, s.size.height) * s.pixel_size);
+    texture.half_extent = std::max(texture.half_extent, 0.55 * std::max(s.size.width, s.size.height) * s.pixel_size);
     return texture;
   }
 
   double patchDistance(const Point& material) const {
-    return std::hypot(material.x - patch_centre_.x, material.y - patch_centre_.y) -
-           kPatchRadius * deformation_.scale();
+    return std::hypot(material.x - patch_centre_.x, material.y - patch_centre_.y) - kPatchRadius * deformation_.scale();
   }
 
   cv::Vec3d tissue(const Point& material) const {
@@ -264,10 +261,9 @@ PlanarPhantom makePlanarPhantom(const PlanarPhantomSettings& settings) {
       const Point shift = inward ? material - p : deformation.displacement(p);
       phantom.truth.at<cv::Vec2f>(y, x) = cv::Vec2f(static_cast<float>(shift.x), static_cast<float>(shift.y));
       phantom.craniotomy.at<uchar>(y, x) = 255;
-      const double to_rim =
-          settings.motion == Motion::kSmooth
-              ? std::min(std::min(x, settings.size.width - 1 - x), std::min(y, settings.size.height - 1 - y))
-              : deformation.radius() - deformation.distance(p);
+      const double to_rim = settings.motion == Motion::kSmooth ? std::min(std::min(x, settings.size.width - 1 - x),
+                                                                          std::min(y, settings.size.height - 1 - y))
+                                                               : deformation.radius() - deformation.distance(p);
       phantom.rim_distance.at<float>(y, x) = static_cast<float>(to_rim);
       if (scene.inPatch(material)) phantom.patch.at<uchar>(y, x) = 255;
       const bool hidden = bleeding && scene.bloodDepth(p + shift) > -4;

@@ -17,6 +17,10 @@ using SearchRange = cv::Range;
 /// @returns CV_32FC1 of that size, NaN where there is no consistent match; fractions are OpenCV's, to 1/16 px
 cv::Mat matchSemiGlobal(const cv::Mat& left, const cv::Mat& right, const SearchRange& range);
 
+/// The same at the resolution that the scene asks for: a smooth surface is matched at half resolution, which costs an
+/// eighth and leaves an error that refinement removes; a scene with many edges of depth at full resolution.
+cv::Mat matchByStructure(const cv::Mat& left, const cv::Mat& right, const SearchRange& range);
+
 /// Disparities that a surface between the two working distances can have, for cameras with two principal points.
 /// @param near, far  [m] along the rectified z axis, 0 < near < far
 SearchRange possibleRange(const StereoModel& model, double near, double far);

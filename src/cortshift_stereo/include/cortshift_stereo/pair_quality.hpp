@@ -24,7 +24,7 @@ class PairError : public std::runtime_error {
 struct PairLimits {
   double min_contrast = 4;             ///< [grey levels] standard deviation of the luminance
   double max_saturated_share = 0.25;   ///< [0...1] of the pixels
-  double min_sharpness = 0.05;         ///< see ImageQuality
+  double min_sharpness = 0.18;         ///< see ImageQuality
   double max_epipolar_residual = 1.0;  ///< [px]
   double min_coverage = 0.25;          ///< [0...1] of the rectified left image with a valid point
 };
@@ -33,8 +33,8 @@ struct PairLimits {
 struct ImageQuality {
   double contrast;         ///< [grey levels] standard deviation of the luminance
   double saturated_share;  ///< [0...1]
-  double sharpness;        ///< amplitude of detail of 2-4 px relative to detail of 8-16 px: about 1 in natural images
-                           ///< in focus, and near 0 when blurred
+  double sharpness;        ///< amplitude of detail of 2-4 px relative to detail of 8-16 px in the middle of the image:
+                           ///< 0.5 ... 1 in focus, below 0.17 when blurred by 4 px
 };
 
 /// @param image  CV_8UC3

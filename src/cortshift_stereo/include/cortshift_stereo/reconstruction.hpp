@@ -15,6 +15,7 @@ struct ReconstructionSettings {
   double min_working_distance = 0.15;  ///< [m] nearest surface along the optical axis
   double max_working_distance = 0.60;  ///< [m] farthest one
   double relief = 0.004;               ///< [m] depth beyond what the coarse match sees, on either side
+  double max_deviation = 0.75;         ///< [px] points that may be farther off (no texture) are left out
   PairLimits limits;
 
   /// @throws std::invalid_argument naming the setting, its value and the allowed range

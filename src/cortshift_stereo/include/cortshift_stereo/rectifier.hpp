@@ -10,8 +10,10 @@ namespace cortshift_stereo {
 
 /// Both images as ideal cameras with parallel axes would have taken them.
 struct RectifiedPair {
-  cv::Mat left;          ///< CV_32FC1 luminance, 0...255
+  cv::Mat left;          ///< CV_32FC1 luminance, 0...255, slightly blurred, sampled to a fraction of a grey level
   cv::Mat right;         ///< the same
+  cv::Mat left_sharp;    ///< CV_8UC1 luminance as it comes, for matching by pixels
+  cv::Mat right_sharp;   ///< the same
   cv::Mat left_colour;   ///< CV_8UC3 blue green red
   cv::Mat left_usable;   ///< CV_8UC1, 255 where the raw image has a pixel that is not saturated
   cv::Mat right_usable;  ///< the same

@@ -4,6 +4,8 @@
 #include <map>
 #include <regex>
 
+#include "same_size_images.hpp"
+
 namespace cortshift_stereo {
 namespace {
 
@@ -30,20 +32,6 @@ std::map<std::string, PairPaths> listPairs(const std::string& folder) {
   return views;
 }
 
-std::string describe(const cv::Size& size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
-
-cv::Mat readOfSize(const std::string& path, cv::Size& size, std::string& first_path) {
-  cv::Mat image = readGreyImage(path);
-  if (first_path.empty()) {
-    first_path = path;
-    size = image.size();
-  }
-  if (image.size() != size)
-    throw CalibrationError(path + " is " + describe(image.size()) + " but " + first_path + " is " + describe(size) +
-                           "; all images must come from the same cameras at one size");
-  return image;
-}
-
 /// Where colours do not tell the board's ends apart, the cameras, side by side, see the same end first.
 bool countedFromOtherEnd(const Corners& left, const Corners& right) {
   return (left.back() - left.front()).dot(right.back() - right.front()) < 0;
@@ -54,15 +42,15 @@ bool countedFromOtherEnd(const Corners& left, const Corners& right) {
 BoardImages findBoards(const std::string& folder, const Board& board, const std::function<void(double)>& progress) {
   const auto views = listPairs(folder);
   BoardImages found;
-  std::string first_path;
+  SameSizeImages images;
   std::size_t looked_at = 0, complete = 0;
   for (const auto& [name, paths] : views) {
     if (paths.left.empty() || paths.right.empty()) {
       found.rejected.push_back({name, paths.left.empty() ? "there is no left image" : "there is no right image"});
     } else {
       ++complete;
-      const auto left = findBoard(readOfSize(paths.left, found.size, first_path), board);
-      auto right = findBoard(readOfSize(paths.right, found.size, first_path), board);
+      const auto left = findBoard(images.read(paths.left), board);
+      auto right = findBoard(images.read(paths.right), board);
       if (left && right) {
         if (countedFromOtherEnd(*left, *right)) right = upsideDown(*right);
         found.pairs.push_back({name, *left, *right});
@@ -76,6 +64,7 @@ BoardImages findBoards(const std::string& folder, const Board& board, const std:
     }
     if (progress) progress(static_cast<double>(++looked_at) / static_cast<double>(views.size()));
   }
+  found.size = images.size();
   if (complete == 0)
     throw CalibrationError(folder + ": no pairs leftNN.* and rightNN.* (png, jpg, tif, bmp, pgm, ppm) in this folder");
   if (found.pairs.empty())

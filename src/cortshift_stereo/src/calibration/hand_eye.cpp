@@ -196,6 +196,25 @@ bool rejectWorstPose(const std::vector<cv::Point3d>& board, std::vector<LocatedV
   return true;
 }
 
+/// The views whose corners fit the board and whose tracked poses do not grossly disagree.
+std::vector<LocatedView> screen(const CameraModel& left, const std::vector<cv::Point3d>& board,
+                                const std::vector<HandEyeView>& views, std::vector<RejectedView>& rejected) {
+  std::vector<LocatedView> used;
+  std::vector<double> fits;
+  for (const auto& view : views) {
+    used.push_back(locate(left, board, view));
+    fits.push_back(used.back().fit_px);
+  }
+  requireEnough(used, rejected);
+  while (const auto worst = findOutlier(fits, kOutlierFloorPx)) {
+    reject(used, *worst,
+           "the board fits its corners only to " + number(fits[*worst]) + " px; blurred or partly hidden?", rejected);
+    fits.erase(fits.begin() + static_cast<std::ptrdiff_t>(*worst));
+  }
+  while (rejectWorstPose(board, used, rejected)) continue;
+  return used;
+}
+
 cv::Vec3d rotationDiversity(const std::vector<LocatedView>& views) {
   cv::Matx33d sum = cv::Matx33d::zeros();
   for (const auto& located : views) sum += located.view.T_reference_microscope.rotation();
@@ -292,6 +311,48 @@ class Refiner {
   const HandEyeSettings& settings_;
 };
 
+void reportResiduals(const Refiner& refiner, const Refinement& refined, const std::vector<LocatedView>& used,
+                     HandEyeCalibration& result) {
+  double residual_count = -12;
+  double squares = 0, corners = 0;
+  for (std::size_t i = 0; i < used.size(); ++i) {
+    const auto& own = refined.solution.own[i];
+    const Eigen::VectorXd misses = refiner.reprojection(used[i].view, result.T_microscope_left,
+                                                        result.T_reference_board, cv::Affine3d::Identity());
+    const double count = static_cast<double>(misses.size()) / 2;
+    result.residuals.push_back(
+        {used[i].view.name, std::sqrt(misses.squaredNorm() / count), own.tail(3).norm(), own.head(3).norm()});
+    squares += misses.squaredNorm();
+    corners += count;
+    residual_count += static_cast<double>(misses.size());  // six more residuals and six more parameters per view
+  }
+  result.reprojection_rms = std::sqrt(squares / corners);
+  const Eigen::VectorXd variances = refined.solution.covariance.diagonal() * (refined.solution.cost / residual_count);
+  for (int i = 0; i < 3; ++i) {
+    result.rotation_sd[i] = std::sqrt(std::max(0.0, variances(i)));
+    result.position_sd[i] = std::sqrt(std::max(0.0, variances(3 + i)));
+  }
+}
+
+void compareMethods(HandEyeCalibration& result) {
+  for (auto& method : result.methods) {
+    const cv::Affine3d difference = result.T_microscope_left.inv() * method.T_microscope_left;
+    method.translation_difference = cv::norm(difference.translation());
+    method.rotation_difference = cv::norm(difference.rvec());
+    for (const auto& other : result.methods)
+      result.method_spread = std::max(result.method_spread, cv::norm(method.T_microscope_left.translation() -
+                                                                     other.T_microscope_left.translation()));
+  }
+}
+
+void requireRotation(const cv::Vec3d& diversity) {
+  if (diversity[1] >= kLeastRotationDiversity) return;
+  throw CalibrationError("the microscope was turned by only " + number(diversity[1] * kDegrees) +
+                         " degrees RMS about a second axis (" + number(diversity[0] * kDegrees) +
+                         " about the first); at least " + number(kLeastRotationDiversity * kDegrees) +
+                         " are needed: add views turned about other axes");
+}
+
 void requireRange(double value, const char* name, double low, double high, const char* unit) {
   if (!(value >= low && value <= high))
     throw CalibrationError(std::string(name) + " is " + number(value) + " " + unit + "; allowed is " + number(low) +
@@ -316,30 +377,13 @@ HandEyeCalibration calibrateHandEye(const CameraModel& left, const Board& board,
         "with an odd and an even count of inner corners, such as 9x6");
   const auto points = board.points();
   HandEyeCalibration result;
-  std::vector<LocatedView> used;
-  std::vector<double> fits;
-  for (const auto& view : views) {
-    used.push_back(locate(left, points, view));
-    fits.push_back(used.back().fit_px);
-  }
-  requireEnough(used, result.rejected);
-  while (const auto worst = findOutlier(fits, kOutlierFloorPx)) {
-    reject(used, *worst,
-           "the board fits its corners only to " + number(fits[*worst]) + " px; blurred or partly hidden?",
-           result.rejected);
-    fits.erase(fits.begin() + static_cast<std::ptrdiff_t>(*worst));
-  }
-  while (rejectWorstPose(points, used, result.rejected)) continue;
+  std::vector<LocatedView> used = screen(left, points, views, result.rejected);
 
   const Refiner refiner(left, points, settings);
   Refinement refined;
   for (bool settled = false; !settled;) {
     result.rotation_diversity = rotationDiversity(used);
-    if (!(result.rotation_diversity[1] >= kLeastRotationDiversity))
-      throw CalibrationError("the microscope was turned by only " + number(result.rotation_diversity[1] * kDegrees) +
-                             " degrees RMS about a second axis (" + number(result.rotation_diversity[0] * kDegrees) +
-                             " about the first); at least " + number(kLeastRotationDiversity * kDegrees) +
-                             " are needed: add views turned about other axes");
+    requireRotation(result.rotation_diversity);
     result.methods = solveByAllMethods(used);
     if (result.methods.size() < kFewestMethods) throw CalibrationError(kNotTogether);
     const cv::Affine3d start = bestStart(points, result.methods, used);
@@ -366,33 +410,8 @@ HandEyeCalibration calibrateHandEye(const CameraModel& left, const Board& board,
 
   result.T_microscope_left = refined.T_microscope_left;
   result.T_reference_board = refined.T_reference_board;
-  double residual_count = -12;
-  double squares = 0, corners = 0;
-  for (std::size_t i = 0; i < used.size(); ++i) {
-    const auto& own = refined.solution.own[i];
-    const Eigen::VectorXd misses = refiner.reprojection(used[i].view, result.T_microscope_left,
-                                                        result.T_reference_board, cv::Affine3d::Identity());
-    const double count = static_cast<double>(misses.size()) / 2;
-    result.residuals.push_back(
-        {used[i].view.name, std::sqrt(misses.squaredNorm() / count), own.tail(3).norm(), own.head(3).norm()});
-    squares += misses.squaredNorm();
-    corners += count;
-    residual_count += static_cast<double>(misses.size());  // six more residuals and six more parameters per view
-  }
-  result.reprojection_rms = std::sqrt(squares / corners);
-  const Eigen::VectorXd variances = refined.solution.covariance.diagonal() * (refined.solution.cost / residual_count);
-  for (int i = 0; i < 3; ++i) {
-    result.rotation_sd[i] = std::sqrt(std::max(0.0, variances(i)));
-    result.position_sd[i] = std::sqrt(std::max(0.0, variances(3 + i)));
-  }
-  for (auto& method : result.methods) {
-    const cv::Affine3d difference = result.T_microscope_left.inv() * method.T_microscope_left;
-    method.translation_difference = cv::norm(difference.translation());
-    method.rotation_difference = cv::norm(difference.rvec());
-    for (const auto& other : result.methods)
-      result.method_spread = std::max(result.method_spread, cv::norm(method.T_microscope_left.translation() -
-                                                                     other.T_microscope_left.translation()));
-  }
+  reportResiduals(refiner, refined, used, result);
+  compareMethods(result);
   return result;
 }
 

@@ -38,7 +38,7 @@ std::vector<std::pair<int, int>> settingPowers(const Degrees& degrees) {
   std::vector<std::pair<int, int>> powers;
   for (int m = 0; m <= degrees.magnification; ++m)
     for (int n = 0; n <= degrees.focal_length; ++n)
-      if (m + n > 0) powers.emplace_back(m, n);
+      if (m + n > 0 && m + n <= std::max(degrees.magnification, degrees.focal_length)) powers.emplace_back(m, n);
   return powers;
 }
 
@@ -75,14 +75,13 @@ WarpModel frameOf(const cv::Size& size, const MicroscopeSetting& reference, cons
     frame.calibrated.push_back(view.setting);
     points.insert(points.end(), view.at_reference.begin(), view.at_reference.end());
   }
+  frame.setting_scale = {1, 1};
+  cv::Point2d largest(0, 0);
   for (const auto& setting : frame.calibrated) {
-    frame.scale.magnification =
-        std::max(frame.scale.magnification, std::abs(setting.magnification - reference.magnification));
-    frame.scale.focal_length =
-        std::max(frame.scale.focal_length, std::abs(setting.focal_length - reference.focal_length));
+    const cv::Point2d difference = frame.scaled(setting);
+    largest = {std::max(largest.x, std::abs(difference.x)), std::max(largest.y, std::abs(difference.y))};
   }
-  if (frame.scale.magnification == 0) frame.scale.magnification = 1;
-  if (frame.scale.focal_length == 0) frame.scale.focal_length = 1;
+  frame.setting_scale = {largest.x > 0 ? largest.x : 1, largest.y > 0 ? largest.y : 1};
   frame.region = convexHull(std::move(points));
   for (const auto& point : frame.region) frame.centre += point / static_cast<double>(frame.region.size());
   for (const auto& point : frame.region) frame.radius = std::max(frame.radius, cv::norm(point - frame.centre));
@@ -99,8 +98,7 @@ class FieldFit {
     std::vector<cv::Point2d> all_points, settings;
     std::vector<std::vector<cv::Point2d>> points;
     for (const auto& view : views) {
-      settings.emplace_back((view.setting.magnification - model_.reference.magnification) / model_.scale.magnification,
-                            (view.setting.focal_length - model_.reference.focal_length) / model_.scale.focal_length);
+      settings.push_back(model_.scaled(view.setting));
       points.emplace_back();
       for (const auto& corner : view.at_reference) points.back().push_back((corner - model_.centre) / model_.radius);
       all_points.insert(all_points.end(), points.back().begin(), points.back().end());
@@ -181,14 +179,10 @@ std::vector<SettingGroup> groupBySetting(const WarpModel& frame, const std::vect
   std::vector<SettingGroup> list;
   for (auto& [setting, group] : groups) {
     std::vector<cv::Point2d> others;
-    const auto in_units = [&](double magnification, double focal_length) {
-      return cv::Point2d(magnification / frame.scale.magnification, focal_length / frame.scale.focal_length);
-    };
     for (const auto& other : frame.calibrated)
-      if (std::make_pair(other.magnification, other.focal_length) != setting)
-        others.push_back(in_units(other.magnification, other.focal_length));
+      if (std::make_pair(other.magnification, other.focal_length) != setting) others.push_back(frame.scaled(other));
     constexpr double kOnTheLine = 1e-9;
-    group.surrounded = insideHull(convexHull(others), in_units(setting.first, setting.second), kOnTheLine);
+    group.surrounded = insideHull(convexHull(others), frame.scaled({setting.first, setting.second}), kOnTheLine);
     list.push_back(group);
   }
   return list;
@@ -226,15 +220,17 @@ Degrees chooseDegrees(const WarpModel& frame, const std::vector<SettingView>& vi
     magnifications.insert(setting.magnification);
     focal_lengths.insert(setting.focal_length);
   }
-  // Two fewer than there are settings on an axis, so that a degree can be checked on a setting that is left out.
   const auto highest = [](std::size_t settings) {
-    return std::clamp(static_cast<int>(settings) - 2, settings > 1 ? 1 : 0, kHighestSettingDegree);
+    return std::min(static_cast<int>(settings) - 1, kHighestSettingDegree);
   };
   Degrees most{kHighestImageDegree, highest(magnifications.size()), highest(focal_lengths.size())};
   const auto groups = groupBySetting(frame, views);
   std::size_t corners = std::numeric_limits<std::size_t>::max();
   for (const auto& view : views) corners = std::min(corners, view.at_setting.size());
   while (most.image > 1 && 2 * imagePowers(most.image).size() > corners) --most.image;
+
+  // One setting more than terms, so that the terms are determined when a setting is left out.
+  const auto tooMany = [&](const Degrees& degrees) { return settingPowers(degrees).size() >= groups.size(); };
 
   struct Tried {
     Degrees degrees;
@@ -243,7 +239,7 @@ Degrees chooseDegrees(const WarpModel& frame, const std::vector<SettingView>& vi
   };
   std::vector<Tried> tried;
   const auto attempt = [&](const Degrees& degrees) {
-    if (settingPowers(degrees).size() > groups.size()) return;
+    if (tooMany(degrees)) return;
     const FieldFit fit(frame, views, degrees);
     tried.push_back({degrees, fit.parameters(), rmsOfFinite(heldOutErrors(fit, views, groups))});
   };
@@ -259,7 +255,7 @@ Degrees chooseDegrees(const WarpModel& frame, const std::vector<SettingView>& vi
           "focal lengths");
     return chosen->degrees;
   };
-  while (settingPowers(most).size() > groups.size() && most.magnification + most.focal_length > 2)
+  while (tooMany(most) && most.magnification + most.focal_length > 2)
     --(most.magnification >= most.focal_length ? most.magnification : most.focal_length);
   for (int image = 1; image <= most.image; ++image) attempt({image, most.magnification, most.focal_length});
   const int image = simplest().image;

@@ -16,11 +16,6 @@ namespace {
 constexpr double kHullTolerance = 1e-6;  // in units of the calibrated range: what a decimal in a file may lose
 constexpr int kHighestPower = 8;
 
-cv::Point2d scaled(const MicroscopeSetting& setting, const WarpModel& model) {
-  return {(setting.magnification - model.reference.magnification) / model.scale.magnification,
-          (setting.focal_length - model.reference.focal_length) / model.scale.focal_length};
-}
-
 /// base^0 ... base^kHighestPower
 std::array<double, kHighestPower + 1> powersOf(double base) {
   std::array<double, kHighestPower + 1> powers{};
@@ -43,8 +38,8 @@ std::string rangeText(const std::vector<MicroscopeSetting>& settings) {
   return text.str();
 }
 
-bool finite(const MicroscopeSetting& setting) {
-  return std::isfinite(setting.magnification) && std::isfinite(setting.focal_length);
+bool possible(const MicroscopeSetting& setting) {
+  return std::isfinite(setting.magnification) && std::isfinite(setting.focal_length) && setting.focal_length > 0;
 }
 
 void validatePowers(const std::vector<std::pair<int, int>>& powers, const char* what) {
@@ -62,10 +57,15 @@ std::string describe(const MicroscopeSetting& setting) {
   return text.str();
 }
 
+cv::Point2d WarpModel::scaled(const MicroscopeSetting& setting) const {
+  return {(setting.magnification - reference.magnification) / setting_scale.x,
+          (1 / setting.focal_length - 1 / reference.focal_length) / setting_scale.y};
+}
+
 void WarpModel::validate() const {
   if (size.width <= 0 || size.height <= 0)
     throw CalibrationError("deformation field: the image size is not positive; calibrate again");
-  if (!(radius > 0) || !(scale.magnification > 0) || !(scale.focal_length > 0) || !finite(reference))
+  if (!(radius > 0) || !(setting_scale.x > 0) || !(setting_scale.y > 0) || !possible(reference))
     throw CalibrationError("deformation field: radius, scale or reference is not a positive number; calibrate again");
   validatePowers(image_powers, "image_powers");
   validatePowers(setting_powers, "setting_powers");
@@ -75,19 +75,19 @@ void WarpModel::validate() const {
     throw CalibrationError("deformation field: " + std::to_string(coefficients.size()) + " coefficients for " +
                            std::to_string(image_powers.size()) + " x " + std::to_string(setting_powers.size()) +
                            " powers; calibrate again");
-  if (calibrated.empty() || !std::all_of(calibrated.begin(), calibrated.end(), finite) || region.size() < 3)
+  if (calibrated.empty() || !std::all_of(calibrated.begin(), calibrated.end(), possible) || region.size() < 3)
     throw CalibrationError("deformation field: no calibrated settings or region; calibrate again");
 }
 
 SettingsWarp::SettingsWarp(WarpModel model) : model_(std::move(model)) {
   model_.validate();
   std::vector<cv::Point2d> points;
-  for (const auto& setting : model_.calibrated) points.push_back(scaled(setting, model_));
+  for (const auto& setting : model_.calibrated) points.push_back(model_.scaled(setting));
   hull_ = convexHull(std::move(points));
 }
 
 bool SettingsWarp::covers(const MicroscopeSetting& setting) const {
-  return finite(setting) && insideHull(hull_, scaled(setting, model_), kHullTolerance);
+  return possible(setting) && insideHull(hull_, model_.scaled(setting), kHullTolerance);
 }
 
 void SettingsWarp::requireCovered(const MicroscopeSetting& setting) const {
@@ -98,7 +98,7 @@ void SettingsWarp::requireCovered(const MicroscopeSetting& setting) const {
 
 std::vector<cv::Vec2d> SettingsWarp::fieldAt(const MicroscopeSetting& setting) const {
   requireCovered(setting);
-  const cv::Point2d at = scaled(setting, model_);
+  const cv::Point2d at = model_.scaled(setting);
   const auto s = powersOf(at.x), t = powersOf(at.y);
   std::vector<cv::Vec2d> field(model_.image_powers.size(), cv::Vec2d(0, 0));
   for (std::size_t k = 0; k < field.size(); ++k)
@@ -183,10 +183,10 @@ SettingsWarp readSettingsWarp(const std::string& path) {
     return list;
   };
   WarpModel model;
-  const cv::Point2d size = one("image_size"), reference = one("reference"), scale = one("scale");
+  const cv::Point2d size = one("image_size"), reference = one("reference");
   model.size = {cvRound(size.x), cvRound(size.y)};
   model.reference = {reference.x, reference.y};
-  model.scale = {scale.x, scale.y};
+  model.setting_scale = one("setting_scale");
   model.centre = one("centre");
   model.radius = requiredNumber(root, "radius", path);
   model.image_powers = powers("image_powers");
@@ -232,8 +232,9 @@ void writeSettingsWarp(const std::string& path, const SettingsWarp& warp, const 
   std::istringstream lines(remarks);
   for (std::string line; std::getline(lines, line);) text << "# " << line << "\n";
   text << "image_size: [" << model.size.width << ", " << model.size.height << "]\n"
-       << "# settings: magnification, focal length [m]\n"
-       << "reference: " << settings({model.reference}) << "\nscale: " << settings({model.scale})
+       << "# settings: magnification, focal length [m]; their scale: magnification, 1 / focal length [1/m]\n"
+       << "reference: " << settings({model.reference})
+       << "\nsetting_scale: " << exactText({model.setting_scale.x, model.setting_scale.y})
        << "\ncalibrated: " << settings(model.calibrated) << "\n# reference image [px]\n"
        << "centre: " << exactText({model.centre.x, model.centre.y}) << "\nradius: " << exactText(model.radius)
        << "\nregion: " << exactText(region) << "\n# polynomial: x, y pairs, all setting powers of each image power\n"

@@ -14,26 +14,19 @@ namespace {
 
 constexpr double kMillimetre = 1e-3;
 
-std::string fixed(double value, int digits) {
-  std::ostringstream text;
-  text.precision(digits);
-  text << std::fixed << value;
-  return text.str();
-}
-
 std::string errorsText(const SetErrors& errors, const std::string& indent) {
-  return indent + "reprojection_rms_px: " + fixed(errors.reprojection_rms, 4) + "\n" + indent +
-         "epipolar_rms_px: " + fixed(errors.epipolar_rms, 4) + "\n" + indent +
-         "corner_spacing_error_mm: " + fixed(errors.spacing_error / kMillimetre, 4) + "\n";
+  return indent + "reprojection_rms_px: " + fixedText(errors.reprojection_rms, 4) + "\n" + indent +
+         "epipolar_rms_px: " + fixedText(errors.epipolar_rms, 4) + "\n" + indent +
+         "corner_spacing_error_mm: " + fixedText(errors.spacing_error / kMillimetre, 4) + "\n";
 }
 
 std::string pairsText(const SetErrors& errors, const std::string& indent) {
   std::string text = indent + "views:\n";
   for (const auto& pair : errors.pairs)
-    text += indent + "  - {name: \"" + pair.name + "\", reprojection_rms_px: " + fixed(pair.rms, 4) +
-            ", left_rms_px: " + fixed(pair.left_rms, 4) + ", right_rms_px: " + fixed(pair.right_rms, 4) +
-            ", epipolar_rms_px: " + fixed(pair.epipolar_rms, 4) +
-            ", corner_spacing_error_mm: " + fixed(pair.spacing_error / kMillimetre, 4) + "}\n";
+    text += indent + "  - {name: \"" + pair.name + "\", reprojection_rms_px: " + fixedText(pair.rms, 4) +
+            ", left_rms_px: " + fixedText(pair.left_rms, 4) + ", right_rms_px: " + fixedText(pair.right_rms, 4) +
+            ", epipolar_rms_px: " + fixedText(pair.epipolar_rms, 4) +
+            ", corner_spacing_error_mm: " + fixedText(pair.spacing_error / kMillimetre, 4) + "}\n";
   return text;
 }
 
@@ -81,8 +74,8 @@ std::string reportText(const StereoReport& report) {
        << exactText({parameters.t_right_left[0] / kMillimetre, parameters.t_right_left[1] / kMillimetre,
                      parameters.t_right_left[2] / kMillimetre})
        << "}\n"
-       << "baseline_mm: " << fixed(cv::norm(parameters.t_right_left) / kMillimetre, 4) << "\n"
-       << "focal_length_deviation_percent: " << fixed(100 * calibration.focal_deviation, 3) << "\n"
+       << "baseline_mm: " << fixedText(cv::norm(parameters.t_right_left) / kMillimetre, 4) << "\n"
+       << "focal_length_deviation_percent: " << fixedText(100 * calibration.focal_deviation, 3) << "\n"
        << "distortion_model: " << calibration.model
        << "  # fewest terms within 1 % of the lowest cross-validated reprojection error\n"
        << "cross_validation:\n";
@@ -105,15 +98,13 @@ std::string remarksText(const StereoReport& report) {
   return "Calibrated " + report.date + " from " + std::to_string(report.calibration.used.pairs.size()) +
          " views of a " + report.board.name() + " board with squares of " +
          exactText(report.board.square / kMillimetre) + " mm.\nDistortion: " + report.calibration.model +
-         ". Reprojection RMS " + fixed(report.calibration.used.reprojection_rms, 3) + " px, on held-out views " +
-         fixed(held_out.reprojection_rms, 3) + " px, epipolar " + fixed(held_out.epipolar_rms, 3) + " px.";
+         ". Reprojection RMS " + fixedText(report.calibration.used.reprojection_rms, 3) + " px, on held-out views " +
+         fixedText(held_out.reprojection_rms, 3) + " px, epipolar " + fixedText(held_out.epipolar_rms, 3) + " px.";
 }
 
 void writeStereoCalibration(const std::string& folder, const StereoReport& report) {
   const StereoModel model = rectify(report.calibration.parameters);
-  std::error_code fault;
-  std::filesystem::create_directories(folder, fault);
-  if (fault) throw CalibrationError(folder + ": cannot be made (" + fault.message() + "); give another folder");
+  makeFolder(folder);
   const std::filesystem::path place(folder);
   const std::string remarks = remarksText(report);
   writeCameraInfoYaml((place / "left.yaml").string(), {"left", model.left}, remarks);

@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 
 namespace cortshift_stereo {
 
@@ -54,6 +55,19 @@ std::string exactText(const std::vector<double>& values) {
   std::string text = "[";
   for (std::size_t i = 0; i < values.size(); ++i) text += (i ? ", " : "") + exactText(values[i]);
   return text + "]";
+}
+
+std::string fixedText(double value, int digits) {
+  std::ostringstream text;
+  text.precision(digits);
+  text << std::fixed << value;
+  return text.str();
+}
+
+void makeFolder(const std::string& path) {
+  std::error_code fault;
+  std::filesystem::create_directories(path, fault);
+  if (fault) throw CalibrationError(path + ": cannot be made (" + fault.message() + "); give another folder");
 }
 
 void writeTextFile(const std::string& path, const std::string& text) {

@@ -40,6 +40,13 @@ std::string exactText(double value);
 /// "[a, b, c]", each number exact.
 std::string exactText(const std::vector<double>& values);
 
+/// For people: a number with so many digits after the point.
+std::string fixedText(double value, int digits = 4);
+
+/// Make a folder and those above it where they are missing.
+/// @throws CalibrationError if that cannot be done.
+void makeFolder(const std::string& path);
+
 /// Write a whole file or leave the old one as it was.
 /// @throws CalibrationError if the folder cannot be written.
 void writeTextFile(const std::string& path, const std::string& text);

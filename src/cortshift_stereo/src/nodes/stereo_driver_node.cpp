@@ -18,6 +18,7 @@ void run(const ros::NodeHandle& node, const ros::NodeHandle& private_node) {
     PhantomRig rig(parameters);
     spinner.start();
     rig.prepare();
+    if (!ros::ok()) return;  // stopped while the first stage was rendered; nothing may be advertised any more
     StereoDriver driver(node, private_node, parameters, rig.source(),
                         [&rig](Stamp time) { return rig.T_reference_microscope(time); });
     rig.offerStages(private_node);

@@ -6,9 +6,10 @@
 
 int main(int argc, char** argv) {
   ros::init(argc, argv, "surface_reconstruction");
+  const ros::NodeHandle node;  // outlives the try block: without any handle ROS, and with it the log, is shut down
   try {
     cortshift_stereo::SurfaceReconstruction reconstruction(
-        ros::NodeHandle(), cortshift_stereo::SurfaceReconstructionParameters::load(ros::NodeHandle("~")));
+        node, cortshift_stereo::SurfaceReconstructionParameters::load(ros::NodeHandle("~")));
     ros::spin();
   } catch (const std::exception& error) {
     ROS_FATAL_STREAM("surface_reconstruction cannot start: " << error.what());

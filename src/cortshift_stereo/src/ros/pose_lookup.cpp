@@ -26,12 +26,7 @@ PoseLookup::~PoseLookup() { spinner_->stop(); }
 
 void PoseLookup::add(const tf2_msgs::TFMessage& message, bool fixed) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  const ros::Time now = ros::Time::now();
-  if (now < last_now_) {
-    ROS_WARN("the clock jumped back by %.3f s: poses received so far are forgotten", (last_now_ - now).toSec());
-    tree_.forgetSamples();
-  }
-  last_now_ = now;
+  noticeClock();
   for (const geometry_msgs::TransformStamped& edge : message.transforms) {
     const geometry_msgs::Vector3& t = edge.transform.translation;
     const geometry_msgs::Quaternion& q = edge.transform.rotation;
@@ -46,11 +41,21 @@ void PoseLookup::add(const tf2_msgs::TFMessage& message, bool fixed) {
   arrived_.notify_all();
 }
 
+void PoseLookup::noticeClock() {
+  const ros::Time now = ros::Time::now();
+  if (now < last_now_) {
+    ROS_WARN("the clock jumped back by %.3f s: poses received so far are forgotten", (last_now_ - now).toSec());
+    tree_.forgetSamples();
+  }
+  last_now_ = now;
+}
+
 Eigen::Isometry3d PoseLookup::lookup(const std::string& target, const std::string& source, const ros::Time& stamp,
-                                     ros::WallDuration wall_timeout) const {
+                                     ros::WallDuration wall_timeout) {
   const auto deadline = std::chrono::steady_clock::now() + std::chrono::nanoseconds(wall_timeout.toNSec());
   const auto slice = std::chrono::milliseconds(100);  // so that a node that shuts down does not hang here
   std::unique_lock<std::mutex> lock(mutex_);
+  noticeClock();
   while (true) {
     try {
       return tree_.lookup(withoutSlash(target), withoutSlash(source), static_cast<int64_t>(stamp.toNSec()));

@@ -2,6 +2,7 @@
 
 #include <stereo_msgs/DisparityImage.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -142,13 +143,14 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
   const auto decode = [](const Image& image) {
     return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
   };
-  checkSettings();
   const std::shared_ptr<const Rectifier> rectifier = this->rectifier();
+  checkSettings();
   ReconstructionResult result =
       reconstruct(decode(pair.left), decode(pair.right), *rectifier, parameters_.reconstruction);
   // Asked for last: the tracker's sample after the stamp has had the time of the reconstruction to arrive.
   const Eigen::Isometry3d T_pmr_left = poses_.lookup(parameters_.map_frame, parameters_.camera_frame, stamp,
                                                      ros::WallDuration(parameters_.pose_timeout));
+  const std::size_t averaged = average(stamp, T_pmr_left, result);
   Surface surface_pmr = result.surface_left;
   surface_pmr.points = transformPoints(T_pmr_left, result.surface_left.points);
 
@@ -168,8 +170,30 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
     last_quality_ = result.quality;
     last_surface_stamp_ = stamp;
     last_seconds_ = result.seconds;
+    last_averaged_ = averaged;
   }
   publishDiagnostics();
+}
+
+std::size_t SurfaceReconstruction::average(const ros::Time& stamp, const Eigen::Isometry3d& T_pmr_left,
+                                           ReconstructionResult& result) {
+  if (parameters_.average_pairs == 1) return 1;
+  const auto another = [&](const PastFrame& past) {
+    const Eigen::Isometry3d movement = past.T_pmr_left.inverse() * T_pmr_left;
+    return past.stamp >= stamp || (stamp - past.stamp).toSec() > parameters_.average_window ||
+           past.rectifier != rectifier_ || movement.translation().norm() > parameters_.average_max_translation ||
+           Eigen::AngleAxisd(movement.linear()).angle() > parameters_.average_max_rotation;
+  };
+  past_.erase(std::remove_if(past_.begin(), past_.end(), another), past_.end());
+  if (past_.size() >= static_cast<std::size_t>(parameters_.average_pairs)) past_.erase(past_.begin());
+  past_.push_back(
+      {stamp, T_pmr_left, rectifier_, {result.disparity, result.surface_left.colour, result.surface_left.confidence}});
+  std::vector<Frame> frames;
+  for (const PastFrame& past : past_) frames.push_back(past.frame);
+  ReconstructionResult mean = averageFrames(frames, rectifier_->model());
+  result.disparity = mean.disparity;
+  result.surface_left = mean.surface_left;
+  return frames.size();
 }
 
 std::shared_ptr<const Rectifier> SurfaceReconstruction::rectifier() {
@@ -190,6 +214,7 @@ std::shared_ptr<const Rectifier> SurfaceReconstruction::rectifier() {
     rectifier_ = std::make_shared<const Rectifier>(stereoModelFromInfo(*left, *right));
     rectifier_infos_[0] = left;
     rectifier_infos_[1] = right;
+    calibrated_setting_ = parameters_.referenceSetting();
   }
   return rectifier_;
 }
@@ -201,17 +226,23 @@ void SurfaceReconstruction::checkSettings() {
     settings = settings_;
   }
   if (!settings) return;  // absent means the reference setting
+  const MicroscopeSetting now{settings->magnification, settings->focal_length};
+  if (!calibrated_setting_) {
+    ROS_WARN_STREAM("no reference setting is configured: magnification "
+                    << now.magnification << " and focal length " << now.focal_length
+                    << " m are taken for those that the calibration in camera_info was made at");
+    calibrated_setting_ = now;
+  }
   const auto same = [&](double value, double reference) {
     return std::abs(value - reference) <= parameters_.settings_tolerance * reference;
   };
-  if (!same(settings->magnification, parameters_.reference_magnification) ||
-      !same(settings->focal_length, parameters_.reference_focal_length))
-    throw PairError("settings",
-                    "The microscope is at magnification " + text(settings->magnification) + " and focal length " +
-                        text(settings->focal_length) + " m, but the calibration is for magnification " +
-                        text(parameters_.reference_magnification) + " and focal length " +
-                        text(parameters_.reference_focal_length) +
-                        " m, and no calibration of other settings is loaded: return to the reference setting.");
+  if (!same(now.magnification, calibrated_setting_->magnification) ||
+      !same(now.focal_length, calibrated_setting_->focal_length))
+    throw PairError("settings", "The microscope is at magnification " + text(now.magnification) + " and focal length " +
+                                    text(now.focal_length) + " m, but the calibration is for magnification " +
+                                    text(calibrated_setting_->magnification) + " and focal length " +
+                                    text(calibrated_setting_->focal_length) +
+                                    " m, and no calibration of other settings is loaded: return to that setting.");
 }
 
 void SurfaceReconstruction::drop(const std::string& reason, const ros::Time& stamp, const std::string& message) {
@@ -247,6 +278,7 @@ void SurfaceReconstruction::diagnose(diagnostic_updater::DiagnosticStatusWrapper
   status.add("surfaces_published", surfaces_published_);
   for (const auto& [reason, count] : drops_) status.add("dropped_" + reason, count);
   if (!last_quality_) return;
+  status.add("averaged_pairs", last_averaged_);
   status.add("coverage", text(last_quality_->coverage));
   status.add("search_range_px", std::to_string(last_quality_->search_range.start) + " ... " +
                                     std::to_string(last_quality_->search_range.end));

@@ -19,8 +19,8 @@ cv::Mat magnitudeMap(const ShiftResult& result);
 /// Colour (blue green red) of a value out of [0, 1] on the scale of magnitudeMap.
 cv::Vec3b scaleColour(double value);
 
-/// Upper end of a colour scale over magnitudes [m]: the 99th percentile, rounded up to 1, 2 or 5 times a power of ten
-/// and not less than 0.1 mm.
+/// Upper end of a colour scale over magnitudes [m]: the 99th percentile, rounded up to 1, 1.5, 2, 3, 4, 5, 6, 8
+/// or 10 times a power of ten, and not less than 0.1 mm.
 double scaleEnd(const DisplacementField& field);
 
 }  // namespace cortshift_tracking

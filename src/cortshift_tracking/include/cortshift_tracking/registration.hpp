@@ -11,6 +11,7 @@ namespace cortshift_tracking {
 
 struct RegistrationSettings {
   std::string channels = "rgb";  ///< rgb, green, blue or luminance: what the flow sees (paper, Discussion: bleeding)
+  int more_rounds = 0;           ///< of flow where much is left unsure, each from the sure vectors around it, 0 ... 5
   cortshift_flow::FlowSettings flow;
 
   /// @throws TrackingError naming the setting, its value and what is allowed.
@@ -25,7 +26,7 @@ cortshift_flow::FlowResult registerProjections(const Projection& earlier, const 
                                                const RegistrationSettings& settings = {});
 
 /// Continues an image smoothly where `mask` is 0.
-/// @param image CV_32FC1 or CV_32FC3
+/// @param image CV_32F with one to three channels
 cv::Mat fillHoles(const cv::Mat& image, const cv::Mat& mask);
 
 }  // namespace cortshift_tracking

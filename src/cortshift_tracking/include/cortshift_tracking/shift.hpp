@@ -3,13 +3,16 @@
 
 #include <Eigen/Core>
 #include <optional>
+#include <vector>
 
 #include "cortshift_stereo/surface.hpp"
 #include "cortshift_tracking/displacement_field.hpp"
+#include "cortshift_tracking/exclusion.hpp"
 #include "cortshift_tracking/inversion.hpp"
 #include "cortshift_tracking/projection.hpp"
 #include "cortshift_tracking/projection_frame.hpp"
 #include "cortshift_tracking/registration.hpp"
+#include "cortshift_tracking/strain.hpp"
 #include "cortshift_tracking/summary.hpp"
 #include "cortshift_tracking/trust.hpp"
 
@@ -21,6 +24,8 @@ struct ShiftSettings {
   RegistrationSettings registration;
   TrustSettings trust;
   InversionSettings inversion;
+  bool with_strain = false;  ///< fills the field's strains
+  StrainSettings strain;
 
   /// @throws TrackingError naming the setting, its value and the allowed range.
   void validate() const;
@@ -41,9 +46,29 @@ struct ShiftResult {
   cv::Mat flow;  ///< CV_32FC2 [grid units]
 };
 
-/// Displacement field from the earlier to the later surface.
-/// @throws TrackingError if a surface is unusable, the two do not overlap or no vector can be trusted.
-ShiftResult computeShift(const cortshift_stereo::Surface& earlier_pmr, const cortshift_stereo::Surface& later_pmr,
+/// The earlier surface made ready; serves for any number of later ones.
+struct Reference {
+  ProjectionFrame frame;
+  Projection projection;
+  cv::Mat usable;    ///< CV_8UC1, see usableMask; without the excluded regions
+  cv::Mat excluded;  ///< CV_8UC1 255: excluded by hand
+  double seconds = 0;
+};
+
+/// @param excluded regions of the surface's own projection frame that take no part
+/// @throws TrackingError if the surface is unusable or a region is not one
+Reference prepareReference(const cortshift_stereo::Surface& earlier_pmr, const ShiftSettings& settings = {},
+                           const std::vector<Region>& excluded = {});
+
+/// Displacement field from a prepared earlier surface to a later one. `projection_seconds` counts the later one only.
+/// @throws TrackingError if the later surface is unusable, the two do not overlap or no vector can be trusted
+ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surface& later_pmr,
                          const Directions& directions, const ShiftSettings& settings = {});
+
+/// Displacement field from the earlier to the later surface.
+/// @throws TrackingError as the two above
+ShiftResult computeShift(const cortshift_stereo::Surface& earlier_pmr, const cortshift_stereo::Surface& later_pmr,
+                         const Directions& directions, const ShiftSettings& settings = {},
+                         const std::vector<Region>& excluded = {});
 
 }  // namespace cortshift_tracking

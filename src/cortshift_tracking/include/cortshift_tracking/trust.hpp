@@ -12,6 +12,7 @@ struct TrustSettings {
   double glare = 0.97;           ///< darkest channel above which a pixel is a highlight, 0.5 ... 1
   double glare_margin = 0.0004;  ///< around a highlight [m], 0 ... 0.01
   double match_window = 0.002;   ///< side of the window in which the two images are compared [m], 0.0005 ... 0.02
+  double half_trust = 0.0001;    ///< predicted error of the flow at which its confidence is 0.5 [m], 0.00001 ... 0.01
   double image_noise = 0.006;    ///< standard deviation of the images' noise, of full scale, 0 ... 0.2
 
   /// @throws TrackingError naming the setting, its value and the allowed range.

@@ -6,8 +6,8 @@
 
 int main(int argc, char** argv) {
   ros::init(argc, argv, "shift_tracker");
+  const ros::NodeHandle private_node("~");  // outlives the try block: without any handle the log is shut down
   try {
-    const ros::NodeHandle private_node("~");
     const auto parameters = cortshift_tracking::ShiftTrackerParameters::load(private_node);
     cortshift_tracking::ShiftTracker tracker(parameters, private_node);
     ros::waitForShutdown();

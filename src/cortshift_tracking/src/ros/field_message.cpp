@@ -10,10 +10,22 @@
 namespace cortshift_tracking {
 namespace {
 
+// The contract's fields, and those that follow on request.
 constexpr std::array<const char*, 8> kFields = {"x", "y", "z", "dx", "dy", "dz", "rgb", "confidence"};
+constexpr std::array<const char*, 2> kStrainFields = {"strain_major", "strain_minor"};
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 using cortshift_stereo::MessageError;
+
+void addField(sensor_msgs::PointCloud2& cloud, const char* name) {
+  sensor_msgs::PointField entry;
+  entry.name = name;
+  entry.offset = cloud.point_step;
+  entry.datatype = sensor_msgs::PointField::FLOAT32;
+  entry.count = 1;
+  cloud.fields.push_back(entry);
+  cloud.point_step += sizeof(float);
+}
 
 }  // namespace
 
@@ -54,15 +66,10 @@ cortshift_msgs::DisplacementField toMessage(const DisplacementField& field, cons
   cloud.header = message.header;
   cloud.width = static_cast<uint32_t>(field.frame.size.width);
   cloud.height = static_cast<uint32_t>(field.frame.size.height);
-  for (std::size_t i = 0; i < kFields.size(); ++i) {
-    sensor_msgs::PointField entry;
-    entry.name = kFields[i];
-    entry.offset = static_cast<uint32_t>(i * sizeof(float));
-    entry.datatype = sensor_msgs::PointField::FLOAT32;
-    entry.count = 1;
-    cloud.fields.push_back(entry);
-  }
-  cloud.point_step = static_cast<uint32_t>(kFields.size() * sizeof(float));
+  const bool with_strain = !field.strain_major.empty();
+  for (const char* name : kFields) addField(cloud, name);
+  if (with_strain)
+    for (const char* name : kStrainFields) addField(cloud, name);
   cloud.row_step = cloud.point_step * cloud.width;
   cloud.is_dense = false;
   cloud.data.resize(std::size_t{cloud.row_step} * cloud.height);
@@ -81,6 +88,10 @@ cortshift_msgs::DisplacementField toMessage(const DisplacementField& field, cons
         values = {p[0], p[1], p[2], d[0], d[1], d[2], packed, field.confidence.at<float>(row, column)};
       }
       std::memcpy(out, values.data(), sizeof values);
+      if (!with_strain) continue;
+      const std::array<float, 2> strains = {field.strain_major.at<float>(row, column),
+                                            field.strain_minor.at<float>(row, column)};
+      std::memcpy(out + sizeof values, strains.data(), sizeof strains);
     }
   return message;
 }

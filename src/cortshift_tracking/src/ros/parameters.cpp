@@ -24,6 +24,7 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const ros::NodeHandle& priva
   reader.number("max_edge_ratio", s.projection.max_edge_ratio, 2.0, 50.0);
   reader.number("fold_tolerance", s.projection.fold_tolerance, 0.0, 0.01);
   reader.choice("channels", s.registration.channels, {"rgb", "green", "blue", "luminance"});
+  reader.number("more_rounds", s.registration.more_rounds, 0, 5);
   std::string inversion = "linear";
   reader.choice("inversion", inversion, {"linear", "nearest"});
   s.inversion.interpolation = inversion == "linear" ? Interpolation::kLinear : Interpolation::kNearest;
@@ -32,7 +33,12 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const ros::NodeHandle& priva
   reader.number("glare", s.trust.glare, 0.5, 1.0);
   reader.number("glare_margin", s.trust.glare_margin, 0.0, 0.01);
   reader.number("match_window", s.trust.match_window, 0.0005, 0.02);
+  reader.number("half_trust", s.trust.half_trust, 0.00001, 0.01);
   reader.number("image_noise", s.trust.image_noise, 0.0, 0.2);
+  reader.flag("strain", s.with_strain);
+  reader.number("strain_window", s.strain.window, 0.0005, 0.02);
+  reader.choice("exclusions", p.exclusions);
+  reader.number("track_resolution", p.track_resolution, 0.00005, 0.001);
   int threads = 0;
   reader.number("threads", threads, 0, 64);
   s.setThreads(threads);

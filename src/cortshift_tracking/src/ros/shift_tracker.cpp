@@ -80,7 +80,7 @@ diagnostic_msgs::KeyValue entry(const std::string& key, const std::string& value
 }  // namespace
 
 struct ShiftTracker::Status {
-  unsigned long surfaces = 0, malformed = 0;
+  unsigned long surfaces = 0, malformed = 0, tracked = 0;
   std::string last_malformed;                           // reason
   std::string reconstruction, drop_reason, drop_stamp;  // what the reconstruction says
   std::string last_shift, last_refusal;
@@ -90,10 +90,12 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
     : parameters_(parameters),
       store_(caseFolder(parameters)),
       poses_(parameters.max_pose_gap),
+      gravity_pmr_(parameters.gravity_pmr),
       status_(std::make_unique<Status>()),
       service_node_(private_node) {
   ROS_INFO_STREAM("case folder " << store_.folder() << ", " << store_.list().size()
                                  << " stages; to go on with this case later set case_folder to it");
+  if (!parameters_.exclusions.empty()) regions_ = readRegions(parameters_.exclusions);
   data_node_.setCallbackQueue(&data_queue_);
   service_node_.setCallbackQueue(&service_queue_);
   pairs_ = std::make_unique<PairHistory>(data_node_);
@@ -117,12 +119,16 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
   list_ = service_node_.advertiseService("list_stages", &ShiftTracker::onList, this);
   delete_ = service_node_.advertiseService("delete_stage", &ShiftTracker::onDelete, this);
   compute_ = service_node_.advertiseService("compute_shift", &ShiftTracker::onCompute, this);
+  set_gravity_ = service_node_.advertiseService("set_gravity", &ShiftTracker::onGravity, this);
+  exclude_ = service_node_.advertiseService("exclude_regions", &ShiftTracker::onExclude, this);
+  track_ = service_node_.advertiseService("track", &ShiftTracker::onTrack, this);
   service_spinner_ = std::make_unique<ros::AsyncSpinner>(3, &service_queue_);
   service_spinner_->start();
 }
 
 ShiftTracker::~ShiftTracker() {
   service_spinner_->stop();
+  stopTracking();
   data_spinner_->stop();
 }
 
@@ -162,7 +168,7 @@ sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitSurface(const std::string& k
     } catch (const TrackingError& error) {
       throw TrackingError("stage '" + key + "' was not captured: " + error.what());
     }
-    if (auto surface = inbox_.waitForStamp(stamp, deadline)) return surface;
+    if (auto surface = inbox_.waitSince(stamp, deadline)) return surface;
     throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
                         " no surface of the pair at " + std::to_string(stamp.toSec()) + " arrived on /surface/points" +
                         whyNoSurface());
@@ -250,7 +256,10 @@ bool ShiftTracker::onList(cortshift_msgs::ListStages::Request&, cortshift_msgs::
 bool ShiftTracker::onDelete(cortshift_msgs::DeleteStage::Request& request,
                             cortshift_msgs::DeleteStage::Response& response) {
   try {
+    const std::lock_guard<std::mutex> guard(compute_mutex_);
     store_.remove(request.key);
+    regions_.erase(request.key);  // a later stage of this key is another one
+    if (first_key_ == request.key) first_key_.clear();
     response.success = true;
     response.message = "stage '" + request.key + "' is deleted";
     ROS_INFO_STREAM(response.message);
@@ -272,10 +281,11 @@ bool ShiftTracker::onCompute(cortshift_msgs::ComputeShift::Request& request,
       throw TrackingError("stage '" + request.from_key + "' was captured after '" + request.to_key +
                           "'; the shift goes from an earlier to a later stage: swap the two");
     const StageRecord earlier = store_.load(request.from_key), later = store_.load(request.to_key);
-    const Directions directions{firstNormal(), parameters_.gravity_pmr};
+    const auto excluded = regions_.find(request.from_key);
     const ShiftResult result =
         computeShift(cortshift_stereo::surfaceFromPointCloud2(*earlier.surface),
-                     cortshift_stereo::surfaceFromPointCloud2(*later.surface), directions, parameters_.shift);
+                     cortshift_stereo::surfaceFromPointCloud2(*later.surface), directions(), parameters_.shift,
+                     excluded == regions_.end() ? std::vector<Region>() : excluded->second);
     publish(result, earlier.info, later.info);
     response.success = true;
     response.summary = toMessage(result.summary, request.from_key, request.to_key);
@@ -293,13 +303,113 @@ bool ShiftTracker::onCompute(cortshift_msgs::ComputeShift::Request& request,
   return true;
 }
 
-Eigen::Vector3d ShiftTracker::firstNormal() {
+Directions ShiftTracker::directions() {
   const std::string key = store_.list().front().key;
   if (key != first_key_) {
     first_normal_ = averageNormal(cortshift_stereo::surfaceFromPointCloud2(*store_.load(key).surface));
     first_key_ = key;
   }
-  return first_normal_;
+  return {first_normal_, gravity_pmr_};
+}
+
+bool ShiftTracker::onGravity(cortshift_msgs::SetGravity::Request& request,
+                             cortshift_msgs::SetGravity::Response& response) {
+  const Eigen::Vector3d down(request.gravity.x, request.gravity.y, request.gravity.z);
+  if (!down.allFinite() || !(down.norm() > 1e-6)) {
+    response.success = false;
+    response.message = "gravity is not a direction; give a finite vector in pmr that points down";
+    return true;
+  }
+  const std::lock_guard<std::mutex> guard(compute_mutex_);
+  gravity_pmr_ = down.normalized();
+  response.success = true;
+  response.message = "gravity is set; it counts from the next shift on";
+  ROS_INFO_STREAM("gravity set to " << gravity_pmr_->transpose() << " in pmr");
+  return true;
+}
+
+bool ShiftTracker::onExclude(cortshift_msgs::ExcludeRegions::Request& request,
+                             cortshift_msgs::ExcludeRegions::Response& response) {
+  try {
+    store_.indexOf(request.key);
+    std::vector<Region> regions;
+    for (const geometry_msgs::Polygon& polygon : request.polygons) {
+      Region region;
+      for (const geometry_msgs::Point32& corner : polygon.points) region.emplace_back(corner.x, corner.y);
+      regions.push_back(region);
+    }
+    excludedMask(ProjectionFrame(), regions);  // checks them
+    const std::lock_guard<std::mutex> guard(compute_mutex_);
+    regions_[request.key] = regions;
+    response.success = true;
+    response.message =
+        std::to_string(regions.size()) + " regions are excluded from shifts that start at '" + request.key + "'";
+  } catch (const std::exception& error) {
+    response.success = false;
+    response.message = error.what();
+  }
+  return true;
+}
+
+bool ShiftTracker::onTrack(cortshift_msgs::TrackShift::Request& request,
+                           cortshift_msgs::TrackShift::Response& response) {
+  try {
+    const std::lock_guard<std::mutex> guard(track_mutex_);
+    if (request.on) store_.indexOf(request.key);  // before anything is stopped
+    stopTracking();
+    if (request.on) {
+      tracking_ = true;
+      tracker_ = std::thread(&ShiftTracker::trackLoop, this, request.key);
+    }
+    response.success = true;
+    response.message = request.on ? "tracking the shift from '" + request.key + "'" : "tracking is off";
+  } catch (const std::exception& error) {
+    response.success = false;
+    response.message = error.what();
+  }
+  return true;
+}
+
+void ShiftTracker::stopTracking() {
+  tracking_ = false;
+  if (tracker_.joinable()) tracker_.join();
+}
+
+void ShiftTracker::trackLoop(const std::string& key) {
+  ShiftSettings settings = parameters_.shift;
+  settings.frame.resolution = parameters_.track_resolution;
+  std::optional<Reference> reference;
+  cortshift_msgs::StageInfo from;
+  unsigned long seen = 0;
+  while (tracking_) {
+    try {
+      if (!reference) {
+        const StageRecord record = store_.load(key);
+        from = record.info;
+        const std::lock_guard<std::mutex> guard(compute_mutex_);
+        reference =
+            prepareReference(cortshift_stereo::surfaceFromPointCloud2(*record.surface), settings, regions_[key]);
+      }
+      const sensor_msgs::PointCloud2ConstPtr surface = inbox_.waitForNewer(seen, std::chrono::milliseconds(200));
+      if (!surface) continue;
+      cortshift_msgs::StageInfo to;  // a surface that is no stage has no key
+      to.stamp = surface->header.stamp;
+      const std::lock_guard<std::mutex> guard(compute_mutex_);
+      const ShiftResult result =
+          computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface), directions(), settings);
+      publish(result, from, to);
+      const std::lock_guard<std::mutex> status_guard(status_mutex_);
+      ++status_->tracked;
+      status_->last_shift = "live from " + key + ": " + toText(result.summary);
+    } catch (const std::exception& error) {  // the next surface may be better
+      ROS_WARN_STREAM_THROTTLE(2, "tracking from '" << key << "': " << error.what());
+      {
+        const std::lock_guard<std::mutex> guard(status_mutex_);
+        status_->last_refusal = error.what();
+      }
+      if (!reference) std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    }
+  }
 }
 
 void ShiftTracker::publish(const ShiftResult& result, const cortshift_msgs::StageInfo& from,
@@ -359,6 +469,7 @@ void ShiftTracker::onTimer(const ros::WallTimerEvent&) {
   for (const std::string& file : aside) stages.values.push_back(entry("set_aside", file));
   const std::lock_guard<std::mutex> guard(status_mutex_);
   stages.values.push_back(entry("last_shift", status_->last_shift));
+  stages.values.push_back(entry("tracked_fields", std::to_string(status_->tracked)));
   stages.values.push_back(entry("last_refusal", status_->last_refusal));
   surfaces.name = "shift_tracker: surfaces";
   const bool bad = !status_->last_malformed.empty();

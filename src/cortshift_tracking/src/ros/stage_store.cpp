@@ -78,22 +78,29 @@ void StageStore::lockFolder() {
 void StageStore::scan() {
   std::vector<fs::path> files;
   for (const char* part : {"", "deleted", "set_aside"}) {
-    std::error_code none;
-    for (const fs::directory_entry& file : fs::directory_iterator(folder_ / part, none)) {
+    std::error_code error;
+    const fs::directory_iterator content(folder_ / part, error);
+    if (error && *part == '\0')
+      throw TrackingError("case folder " + folder_.string() + " cannot be read: " + error.message());
+    for (const fs::directory_entry& file : content) {
       std::smatch parts;
       const std::string name = file.path().filename().string();
       // Numbers are not used twice, so that the order of capture holds for what is restored by hand.
       if (std::regex_search(name, parts, std::regex("^([0-9]{4,9})_")))
         last_number_ = std::max(last_number_, static_cast<unsigned>(std::stoul(parts[1].str())));
-      if (*part == '\0' && name != kLockName && name != "deleted" && name != "set_aside") files.push_back(file.path());
+      // Other files of the case (digitised points, notes) are none of the store's business.
+      const fs::path ending = file.path().extension();
+      if (*part == '\0' && (ending == ".bag" || ending == kPartialEnding)) files.push_back(file.path());
     }
   }
   std::sort(files.begin(), files.end());
   for (const fs::path& path : files) {
-    if (path.extension() == kPartialEnding) {  // of a capture that never answered
-      std::error_code ignored;
-      fs::remove(path, ignored);
-      ROS_WARN_STREAM("removed " << path << ", left by a capture that was interrupted");
+    if (path.extension() == kPartialEnding) {
+      std::smatch parts;
+      const std::string name = path.stem().string();
+      if (!std::regex_match(name, parts, kStageName)) continue;
+      std::error_code ignored;  // a capture that was never acknowledged
+      if (fs::remove(path, ignored)) ROS_WARN_STREAM("removed " << path << ", left by a capture that was interrupted");
       continue;
     }
     try {

@@ -22,12 +22,12 @@ void SurfaceInbox::put(const sensor_msgs::PointCloud2ConstPtr& surface) {
   arrived_.notify_all();
 }
 
-sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitForStamp(const ros::Time& stamp, Deadline deadline) const {
+sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitSince(const ros::Time& stamp, Deadline deadline) const {
   std::unique_lock<std::mutex> lock(mutex_);
   sensor_msgs::PointCloud2ConstPtr found;
   arrived_.wait_until(lock, deadline, [&] {
-    for (const auto& surface : surfaces_)
-      if (surface->header.stamp == stamp) found = surface;
+    for (auto surface = surfaces_.begin(); surface != surfaces_.end() && !found; ++surface)
+      if ((*surface)->header.stamp >= stamp) found = *surface;
     return found != nullptr;
   });
   return found;
@@ -51,6 +51,14 @@ sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitForRecent(const ros::Duration
     return found != nullptr;
   });
   return found;
+}
+
+sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitForNewer(unsigned long& seen,
+                                                            std::chrono::milliseconds patience) const {
+  std::unique_lock<std::mutex> lock(mutex_);
+  if (!arrived_.wait_for(lock, patience, [&] { return count_ > seen; })) return {};
+  seen = count_;
+  return surfaces_.back();
 }
 
 ros::Time SurfaceInbox::newestStamp() const {

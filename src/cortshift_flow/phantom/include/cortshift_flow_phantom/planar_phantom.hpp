@@ -24,16 +24,16 @@ struct PlanarPhantomSettings {
   std::uint32_t seed = 1;
   Motion motion = Motion::kOutward;
   Surround surround = Surround::kDrape;
-  double pixel_size = 0.0001;      ///< [m]
-  double rim_radius = 342;         ///< of the craniotomy at a height of 768 px; scales with the shorter side [px]
-  double largest_motion = 37;      ///< at the rim, or of the smooth field; scales likewise [px]
-  bool featureless_patch = true;   ///< a saturated disc of 27 px radius that moves with the tissue
-  double noise = 0;                ///< standard deviation, of both images [1/255]
-  double gain = 1, offset = 0;     ///< of the second image; intensities 0...1
-  double vignette = 0;             ///< fall of the second image's brightness towards the corners, 0...1
-  double blood = 0;                ///< share of the craniotomy that blood hides in the second image, 0...1
-  int quadrature = 3;              ///< Gauss points per pixel side over which the texture is integrated: 1...4
-  bool eight_bit = true;           ///< CV_8UC3; otherwise CV_32FC3, 0...1, not quantised
+  double pixel_size = 0.0001;     ///< [m]
+  double rim_radius = 342;        ///< of the craniotomy at a height of 768 px; scales with the shorter side [px]
+  double largest_motion = 37;     ///< at the rim, or of the smooth field; scales likewise [px]
+  bool featureless_patch = true;  ///< a saturated disc of 27 px radius that moves with the tissue
+  double noise = 0;               ///< standard deviation, of both images [1/255]
+  double gain = 1, offset = 0;    ///< of the second image; intensities 0...1
+  double vignette = 0;            ///< fall of the second image's brightness towards the corners, 0...1
+  double blood = 0;               ///< share of the craniotomy that blood hides in the second image, 0...1
+  int quadrature = 3;             ///< Gauss points per pixel side over which the texture is integrated: 1...4
+  bool eight_bit = true;          ///< CV_8UC3; otherwise CV_32FC3, 0...1, not quantised
 };
 
 struct PlanarPhantom {

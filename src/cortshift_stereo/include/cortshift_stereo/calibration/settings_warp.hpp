@@ -30,19 +30,23 @@ class SettingNotCalibrated : public CalibrationError {
 ///
 ///     p + sum_k sum_j c_kj x^a_k y^b_k s^m_j t^n_j
 ///
-/// with x, y = (p - centre) / radius and s, t the differences of magnification and focal length from the reference,
-/// divided by their scales. Every term has m + n > 0, so that the field vanishes at the reference exactly.
+/// with x, y = (p - centre) / radius and s, t the differences of magnification and optical power (1 / focal length)
+/// from the reference, divided by their scales. Power, not length, since the image's scale is nearly proportional to
+/// it. Every term has m + n > 0, so that the field vanishes at the reference exactly.
 struct WarpModel {
   cv::Size size;  ///< of the images [px]
   MicroscopeSetting reference;
-  MicroscopeSetting scale;                          ///< largest differences from the reference; 1 where there is none
-  cv::Point2d centre;                               ///< [px]
-  double radius = 0;                                ///< [px]
+  cv::Point2d setting_scale;  ///< largest difference of magnification and power [1/m] from the reference; 1 if none
+  cv::Point2d centre;         ///< [px]
+  double radius = 0;          ///< [px]
   std::vector<std::pair<int, int>> image_powers;    ///< a_k, b_k
   std::vector<std::pair<int, int>> setting_powers;  ///< m_j, n_j
   std::vector<cv::Vec2d> coefficients;              ///< c_kj at k * setting_powers.size() + j [px]
   std::vector<MicroscopeSetting> calibrated;        ///< all settings that took part, the reference among them
   std::vector<cv::Point2d> region;  ///< convex outline of the calibrated part of the reference image [px]
+
+  /// s and t of a setting.
+  cv::Point2d scaled(const MicroscopeSetting& setting) const;
 
   /// @throws CalibrationError if counts do not agree or a number cannot be right.
   void validate() const;
@@ -56,7 +60,7 @@ class SettingsWarp {
 
   const WarpModel& model() const { return model_; }
 
-  /// Inside the convex hull of the calibrated settings.
+  /// Inside the convex hull of the calibrated settings over magnification and optical power.
   bool covers(const MicroscopeSetting& setting) const;
 
   /// @throws SettingNotCalibrated naming the setting and the calibrated range if the setting is not covered.

@@ -32,13 +32,14 @@ class PoseLookup {
   /// may still be under way; a reason that cannot heal is thrown at once.
   /// @throws PoseError naming the edge or frame and the reason
   Eigen::Isometry3d lookup(const std::string& target, const std::string& source, const ros::Time& stamp,
-                           ros::WallDuration wall_timeout) const;
+                           ros::WallDuration wall_timeout);
 
  private:
   void add(const tf2_msgs::TFMessage& message, bool fixed);
+  void noticeClock();  // with the mutex held
 
-  mutable std::mutex mutex_;
-  mutable std::condition_variable arrived_;
+  std::mutex mutex_;
+  std::condition_variable arrived_;
   TransformTree tree_;
   ros::Time last_now_;
 

@@ -16,6 +16,8 @@
 #include <string>
 #include <thread>
 
+#include "cortshift_stereo/calibration/settings_warp.hpp"
+#include "cortshift_stereo/frame_average.hpp"
 #include "cortshift_stereo/pair_synchroniser.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo/ros/pose_lookup.hpp"
@@ -31,10 +33,18 @@ struct SurfaceReconstructionParameters {
   double max_pose_gap = 0.15;                 ///< [s] farthest tracker sample on either side of the pair's stamp
   double pose_timeout = 1.0;                  ///< [s] wall time to wait for the pose after the pair was matched
   double calibration_timeout = 1.0;           ///< [s] wall time to wait for camera_info
-  double reference_magnification = 1.0;       ///< microscope setting that the calibration belongs to
-  double reference_focal_length = 0.3;        ///< [m] the same
+  double reference_magnification = 0;         ///< microscope setting that the calibration belongs to; 0: not known,
+                                              ///< the first one seen with a camera_info is taken for it
+  double reference_focal_length = 0;          ///< [m] the same
   double settings_tolerance = 0.005;          ///< relative difference that counts as the reference setting
+  int average_pairs = 1;                      ///< a surface is the robust mean of up to so many pairs, the newest last
+  double average_window = 3.0;                ///< [s] age of the oldest of them
+  double average_max_translation = 0.0005;    ///< [m] movement of the camera that ends the mean
+  double average_max_rotation = 0.002;        ///< [rad] the same
   ReconstructionSettings reconstruction;
+
+  /// Empty where it is not known.
+  std::optional<MicroscopeSetting> referenceSetting() const;
 
   /// @throws ParameterError
   static SurfaceReconstructionParameters load(const ros::NodeHandle& private_node);
@@ -79,6 +89,8 @@ class SurfaceReconstruction {
   void work();
   void process(const Synchroniser::Pair& pair, const ros::Time& stamp);
   std::shared_ptr<const Rectifier> rectifier();
+  /// Mean of this pair and the ones before it that show the same view; returns their number.
+  std::size_t average(const ros::Time& stamp, const Eigen::Isometry3d& T_pmr_left, ReconstructionResult& result);
   void checkSettings();
 
   void drop(const std::string& reason, const ros::Time& stamp, const std::string& message);
@@ -98,8 +110,16 @@ class SurfaceReconstruction {
   bool stop_ = false;
 
   // Worker thread only.
+  struct PastFrame {
+    ros::Time stamp;
+    Eigen::Isometry3d T_pmr_left;
+    std::shared_ptr<const Rectifier> rectifier;
+    Frame frame;
+  };
+  std::vector<PastFrame> past_;
   sensor_msgs::CameraInfoConstPtr rectifier_infos_[2];
   std::shared_ptr<const Rectifier> rectifier_;
+  std::optional<MicroscopeSetting> calibrated_setting_;  // of that calibration
 
   std::mutex status_mutex_;
   uint64_t pairs_received_ = 0;
@@ -111,6 +131,7 @@ class SurfaceReconstruction {
   std::optional<ReconstructionQuality> last_quality_;
   ros::Time last_surface_stamp_;
   double last_seconds_ = 0;
+  std::size_t last_averaged_ = 0;
 
   ros::Publisher points_publisher_;
   ros::Publisher disparity_publisher_;

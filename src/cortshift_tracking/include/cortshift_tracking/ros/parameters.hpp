@@ -18,6 +18,8 @@ struct ShiftTrackerParameters {
   double max_pose_gap = 0.2;      ///< farthest tracker sample on either side of a stage's stamp [s], 0.001 ... 10
   std::optional<Eigen::Vector3d> gravity_pmr;  ///< direction of gravity, unit length; empty: not known
   double arrow_spacing = 0.003;                ///< between the arrows of /shift/markers [m], 0.0005 ... 0.05
+  std::string exclusions;                      ///< YAML file of regions excluded by hand, see readRegions; empty: none
+  double track_resolution = 0.0002;            ///< of the projection in live mode [m], 0.00005 ... 0.001
   ShiftSettings shift;
 
   /// @throws cortshift_stereo::ParameterError naming key, value and what is allowed

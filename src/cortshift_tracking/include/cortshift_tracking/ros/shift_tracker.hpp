@@ -4,16 +4,23 @@
 #include <cortshift_msgs/CaptureStage.h>
 #include <cortshift_msgs/ComputeShift.h>
 #include <cortshift_msgs/DeleteStage.h>
+#include <cortshift_msgs/ExcludeRegions.h>
 #include <cortshift_msgs/ListStages.h>
+#include <cortshift_msgs/SetGravity.h>
+#include <cortshift_msgs/TrackShift.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <sensor_msgs/PointCloud2.h>
 
+#include <atomic>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
+#include <thread>
+#include <vector>
 
 #include "cortshift_stereo/ros/pose_lookup.hpp"
 #include "cortshift_tracking/ros/pair_history.hpp"
@@ -34,7 +41,7 @@ namespace cortshift_tracking {
 ///   /shift/markers [visualization_msgs/MarkerArray]
 ///   /shift/overlay_before, /shift/overlay_after, /shift/magnitude [sensor_msgs/Image] bgr8
 ///   /diagnostics
-/// Services: ~capture_stage, ~list_stages, ~delete_stage, ~compute_shift
+/// Services: ~capture_stage, ~list_stages, ~delete_stage, ~compute_shift, ~set_gravity, ~exclude_regions, ~track
 /// Calls: /stereo_driver/trigger, where there is one
 class ShiftTracker {
  public:
@@ -49,6 +56,9 @@ class ShiftTracker {
   bool onList(cortshift_msgs::ListStages::Request& request, cortshift_msgs::ListStages::Response& response);
   bool onDelete(cortshift_msgs::DeleteStage::Request& request, cortshift_msgs::DeleteStage::Response& response);
   bool onCompute(cortshift_msgs::ComputeShift::Request& request, cortshift_msgs::ComputeShift::Response& response);
+  bool onGravity(cortshift_msgs::SetGravity::Request& request, cortshift_msgs::SetGravity::Response& response);
+  bool onExclude(cortshift_msgs::ExcludeRegions::Request& request, cortshift_msgs::ExcludeRegions::Response& response);
+  bool onTrack(cortshift_msgs::TrackShift::Request& request, cortshift_msgs::TrackShift::Response& response);
   void onSurface(const sensor_msgs::PointCloud2ConstPtr& surface);
   void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message);
   void onTimer(const ros::WallTimerEvent& event);
@@ -58,7 +68,9 @@ class ShiftTracker {
                          const sensor_msgs::PointCloud2ConstPtr& surface, std::string& remarks);
   void addTransforms(StageRecord& record, std::string& remarks);
   std::string whyNoSurface() const;
-  Eigen::Vector3d firstNormal();
+  Directions directions();
+  void trackLoop(const std::string& key);
+  void stopTracking();
   void publish(const ShiftResult& result, const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to);
 
   ShiftTrackerParameters parameters_;
@@ -67,9 +79,15 @@ class ShiftTracker {
   SurfaceInbox inbox_;
 
   std::mutex capture_mutex_;  // one capture at a time: each may fire the trigger
-  std::mutex compute_mutex_;
-  std::string first_key_;  // whose normal is first_normal_
+  std::mutex compute_mutex_;  // of what follows, and of computing itself
+  std::string first_key_;     // whose normal is first_normal_
   Eigen::Vector3d first_normal_;
+  std::optional<Eigen::Vector3d> gravity_pmr_;
+  std::map<std::string, std::vector<Region>> regions_;  // by key of the earlier stage
+
+  std::mutex track_mutex_;  // of starting and stopping
+  std::atomic<bool> tracking_{false};
+  std::thread tracker_;
 
   mutable std::mutex status_mutex_;
   std::unique_ptr<Status> status_;
@@ -79,7 +97,7 @@ class ShiftTracker {
   std::unique_ptr<PairHistory> pairs_;
   ros::Subscriber surfaces_, diagnostics_in_;
   ros::Publisher field_, points_, markers_, overlay_before_, overlay_after_, magnitude_, diagnostics_;
-  ros::ServiceServer capture_, list_, delete_, compute_;
+  ros::ServiceServer capture_, list_, delete_, compute_, set_gravity_, exclude_, track_;
   ros::ServiceClient trigger_;
   ros::WallTimer timer_;
   std::unique_ptr<ros::AsyncSpinner> data_spinner_, service_spinner_;

@@ -31,7 +31,8 @@ struct StageRecord {
 ///
 /// A stage is NNNN_KEY_CRC.bag: number in the case, key, CRC-32 of the whole file. Files that are damaged or not ours
 /// are moved to `set_aside/` (where the folder may be written) and otherwise left alone; deleted stages go to
-/// `deleted/`. Nothing is ever overwritten.
+/// `deleted/`. Nothing is ever overwritten; other
+/// files of the case are left alone.
 class StageStore {
  public:
   /// Opens or creates the folder and checks every stage in it.

@@ -19,13 +19,18 @@ class SurfaceInbox {
 
   void put(const sensor_msgs::PointCloud2ConstPtr& surface);
 
-  /// The surface of exactly this stamp. Null when the deadline passes.
-  sensor_msgs::PointCloud2ConstPtr waitForStamp(const ros::Time& stamp, Deadline deadline) const;
+  /// The surface of this stamp, or the first one after it: while a camera runs free, the reconstruction may pass over a
+  /// pair for the next one. Null when the deadline passes.
+  sensor_msgs::PointCloud2ConstPtr waitSince(const ros::Time& stamp, Deadline deadline) const;
 
   /// The newest surface if its stamp lies within `max_age` of the time of the call; otherwise the next one that comes
   /// in and is not older than that. With a clock that does not run yet (time 0) nothing that is already there counts.
   /// Null when the deadline passes.
   sensor_msgs::PointCloud2ConstPtr waitForRecent(const ros::Duration& max_age, Deadline deadline) const;
+
+  /// The newest surface if more have come in than the `seen` that the caller knows of (0 at first); `seen` moves on, so
+  /// that surfaces which came in meanwhile are passed over. Null after `patience`.
+  sensor_msgs::PointCloud2ConstPtr waitForNewer(unsigned long& seen, std::chrono::milliseconds patience) const;
 
   /// Stamp of the newest surface; zero: none yet.
   ros::Time newestStamp() const;

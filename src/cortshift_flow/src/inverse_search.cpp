@@ -1,0 +1,69 @@
+#include "inverse_search.hpp"
+
+#include <algorithm>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+
+#include "mismatch.hpp"
+#include "parallel.hpp"
+
+namespace cortshift_flow {
+namespace {
+
+constexpr int kSmallestSide = 32;       // of an image that DIS has patches for [px]
+constexpr int kWindow = 3;              // half width of the compared windows [px of the level]
+constexpr float kClearlyBetter = 0.9f;  // of the present mismatch
+
+/// DIS cuts its work by the number of OpenCV's threads, and what comes out depends on the cut: one thread, always.
+class OneThread {
+ public:
+  OneThread() : threads_(cv::getNumThreads()) { cv::setNumThreads(1); }
+  ~OneThread() { cv::setNumThreads(threads_); }
+  OneThread(const OneThread&) = delete;
+  OneThread& operator=(const OneThread&) = delete;
+
+ private:
+  int threads_;
+};
+
+cv::Mat1b greyBytes(const cv::Mat4f& image) {
+  cv::Mat grey;
+  cv::transform(image, grey, cv::Matx14f(0.114f, 0.587f, 0.299f, 0));
+  grey.convertTo(grey, CV_8U, 255);
+  return grey;
+}
+
+}  // namespace
+
+FlowPlanes inverseSearch(const Level& fine, cv::Size size) {
+  FlowPlanes flow{Plane(size), Plane(size)};
+  if (std::min(fine.first.cols, fine.first.rows) < kSmallestSide) return flow;
+  cv::Mat2f dense;
+  {
+    const OneThread guard;
+    cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM)
+        ->calc(greyBytes(fine.first), greyBytes(fine.second), dense);
+  }
+  for (int y = 0; y < size.height; ++y)
+    for (int x = 0; x < size.width; ++x) {
+      const cv::Vec2f& w = dense(std::min(2 * y, dense.rows - 1), std::min(2 * x, dense.cols - 1));
+      flow.u.row(y)[x] = 0.5f * w[0];
+      flow.v.row(y)[x] = 0.5f * w[1];
+    }
+  return flow;
+}
+
+void adoptWhereBetter(const Level& level, const FlowPlanes& other, FlowPlanes& flow, int threads) {
+  const Plane present = windowMismatch(level, flow, kWindow, threads);
+  const Plane offered = windowMismatch(level, other, kWindow, threads);
+  forRows(present.height(), threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y)
+      for (int x = 0; x < present.width(); ++x)
+        if (offered.row(y)[x] < kClearlyBetter * present.row(y)[x]) {
+          flow.u.row(y)[x] = other.u.row(y)[x];
+          flow.v.row(y)[x] = other.v.row(y)[x];
+        }
+  });
+}
+
+}  // namespace cortshift_flow

@@ -1,0 +1,147 @@
+// reconstruct() beside plain semi-global matching on the cortical phantom: accuracy, time, memory, scaling.
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <functional>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "cortshift_stereo/frame_average.hpp"
+#include "cortshift_stereo/reconstruction.hpp"
+#include "phantom_pair.hpp"
+
+namespace {
+
+using namespace cortshift_stereo;
+using cortshift_stereo_test::Exposure;
+using cortshift_stereo_test::HeightErrors;
+using cortshift_stereo_test::PhantomPair;
+
+double processorSeconds() {
+  rusage usage;
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
+         1e-6 * static_cast<double>(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
+}
+
+struct Seconds {
+  double wall, processor;
+};
+
+/// The fastest of several runs of each, taken in turns so that a busy machine slows both alike.
+std::pair<Seconds, Seconds> compare(const std::function<void()>& first, const std::function<void()>& second) {
+  std::pair<Seconds, Seconds> best{{1e9, 1e9}, {1e9, 1e9}};
+  for (int run = 0; run < 5; ++run)
+    for (const auto& [work, seconds] : {std::pair(&first, &best.first), std::pair(&second, &best.second)}) {
+      const int64_t start = cv::getTickCount();
+      const double processor = processorSeconds();
+      (*work)();
+      seconds->wall = std::min(seconds->wall, static_cast<double>(cv::getTickCount() - start) / cv::getTickFrequency());
+      seconds->processor = std::min(seconds->processor, processorSeconds() - processor);
+    }
+  return best;
+}
+
+/// OpenCV's matcher as it comes, at the range that was searched.
+cv::Mat plainMatch(const RectifiedPair& pair, const SearchRange& range) {
+  constexpr int kBlock = 5;
+  cv::Mat fixed, disparity;
+  cv::StereoSGBM::create(range.start, range.size(), kBlock, 8 * kBlock * kBlock, 32 * kBlock * kBlock, 1, 31, 5, 0, 0,
+                         cv::StereoSGBM::MODE_SGBM_3WAY)
+      ->compute(pair.left_sharp, pair.right_sharp, fixed);
+  fixed.convertTo(disparity, CV_32F, 1.0 / cv::StereoMatcher::DISP_SCALE);
+  disparity.setTo(std::numeric_limits<float>::quiet_NaN(),
+                  fixed < range.start * static_cast<int>(cv::StereoMatcher::DISP_SCALE));
+  return disparity;
+}
+
+void row(const char* name, const HeightErrors& errors) {
+  std::printf("| %-36s | %7.4f | %7.4f | %6.2f |\n", name, 1e3 * errors.median, 1e3 * errors.p95,
+              100 * errors.valid_share);
+}
+
+void accuracy(const PhantomPair& phantom) {
+  const Rectifier rectifier(phantom.model());
+  std::printf("\n| height error on the craniotomy        | median mm | p95 mm | valid %% |\n|---|---|---|---|\n");
+  for (const auto& [name, exposure] :
+       {std::pair("clean", Exposure{}), std::pair("noise 1/255", Exposure{1.0 / 255, 1, 0}),
+        std::pair("noise 4/255", Exposure{4.0 / 255, 1, 0}),
+        std::pair("noise 2/255, right gain 0.85", Exposure{2.0 / 255, 0.85, 0})}) {
+    const auto images = phantom.take(exposure);
+    const ReconstructionResult result = reconstruct(images.left, images.right, rectifier);
+    const RectifiedPair pair = rectifier.rectify(images.left, images.right);
+    row((std::string("plain SGBM, ") + name).c_str(),
+        phantom.heightErrors(plainMatch(pair, result.quality.search_range)));
+    row((std::string("reconstruct, ") + name).c_str(), phantom.heightErrors(result.disparity));
+  }
+  std::vector<Frame> frames;
+  for (std::uint64_t frame = 0; frame < 8; ++frame) {
+    const auto images = phantom.take({4.0 / 255, 1, frame});
+    const ReconstructionResult result = reconstruct(images.left, images.right, rectifier);
+    frames.push_back({result.disparity, result.surface_left.colour, result.surface_left.confidence});
+  }
+  row("mean of 8 pairs, noise 4/255", phantom.heightErrors(averageFrames(frames, phantom.model()).disparity));
+}
+
+/// The same head seen with other numbers of pixels.
+StereoModel scaled(const StereoModel& model, double scale) {
+  StereoModel out = model;
+  for (CameraModel* camera : {&out.left, &out.right}) {
+    camera->size = cv::Size(cvRound(camera->size.width * scale), cvRound(camera->size.height * scale));
+    for (int r = 0; r < 2; ++r)
+      for (int c = 0; c < 3; ++c) {
+        camera->K(r, c) *= scale;
+        camera->P(r, c) *= scale;
+      }
+    camera->P(0, 3) *= scale;
+  }
+  return out;
+}
+
+void time(const PhantomPair& phantom) {
+  std::printf(
+      "\n| pixels | range px | SGBM wall s | ours wall s | ratio | SGBM cpu s | ours cpu s | ratio | "
+      "ns wall per pixel |\n|---|---|---|---|---|---|---|---|---|\n");
+  const auto images = phantom.take({1.0 / 255, 1, 0});
+  for (const double scale : {0.5, 1.0, 1.5, 2448.0 / 1024}) {
+    const Rectifier rectifier(scaled(phantom.model(), scale));
+    cv::Mat left, right;
+    cv::resize(images.left, left, rectifier.model().left.size, 0, 0, cv::INTER_CUBIC);
+    cv::resize(images.right, right, rectifier.model().left.size, 0, 0, cv::INTER_CUBIC);
+    const RectifiedPair pair = rectifier.rectify(left, right);
+    SearchRange range;
+    ReconstructionSettings settings;
+    settings.limits.min_sharpness = 0.05;  // enlarged images have no detail of two pixels
+    const auto [plain, ours] =
+        compare([&] { plainMatch(pair, range.size() > 0 ? range : SearchRange(-32, 32)); },
+                [&] { range = reconstruct(left, right, rectifier, settings).quality.search_range; });
+    std::printf("| %dx%d | %d | %.3f | %.3f | %.2f | %.3f | %.3f | %.2f | %.0f |\n", left.cols, left.rows, range.size(),
+                plain.wall, ours.wall, ours.wall / plain.wall, plain.processor, ours.processor,
+                ours.processor / plain.processor, 1e9 * ours.wall / static_cast<double>(left.total()));
+    std::fflush(stdout);
+  }
+  rusage usage;
+  getrusage(RUSAGE_SELF, &usage);
+  std::printf("\npeak memory of this process, phantom and all sizes: %ld MB\n", usage.ru_maxrss / 1024);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 2 || std::string(argv[1]) == "--help") {
+    std::puts("usage: benchmark_reconstruction CASE.yaml   (config/phantom/phantom_case.yaml)");
+    return argc == 2 ? 0 : 2;
+  }
+  try {
+    const PhantomPair phantom(cortshift_stereo_phantom::loadPhantomCase(argv[1]), 0);
+    std::printf("threads: %d\n", cv::getNumThreads());
+    accuracy(phantom);
+    time(phantom);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "benchmark_reconstruction: %s\n", error.what());
+    return 1;
+  }
+  return 0;
+}

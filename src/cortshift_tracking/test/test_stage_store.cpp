@@ -1,0 +1,322 @@
+#include <gtest/gtest.h>
+#include <linux/capability.h>
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+#include <signal.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <fstream>
+#include <random>
+#include <set>
+
+#include "cortshift_tracking/error.hpp"
+#include "stage_samples.hpp"
+
+namespace {
+
+constexpr long kUnlimited = -1;
+std::atomic<long> disk_room{kUnlimited};  // bytes that write(2) still takes
+std::atomic<bool> sync_works{true};
+
+}  // namespace
+
+// The store's calls into the system come here: a disk that fills up or fails, without a disk.
+extern "C" ssize_t write(int descriptor, const void* bytes, size_t size) {
+  if (disk_room == kUnlimited) return ::syscall(SYS_write, descriptor, bytes, size);
+  const size_t taken = std::min(size, static_cast<size_t>(disk_room.load()));
+  if (taken == 0 && size > 0) {
+    errno = ENOSPC;
+    return -1;
+  }
+  disk_room -= static_cast<long>(taken);
+  return ::syscall(SYS_write, descriptor, bytes, taken);
+}
+
+extern "C" int fsync(int descriptor) {
+  if (sync_works) return static_cast<int>(::syscall(SYS_fsync, descriptor));
+  errno = EIO;
+  return -1;
+}
+
+namespace cortshift_tracking {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Captures one stage after the other and says each acknowledged key on a pipe.
+[[noreturn]] void captureUntilKilled(const fs::path& folder, int pipe_end) {
+  try {
+    StageStore store(folder);
+    for (unsigned i = 0;; ++i) {
+      const std::string key = "k" + std::to_string(::getpid()) + "-" + std::to_string(i), line = key + "\n";
+      store.add(sampleStage(key));
+      if (::write(pipe_end, line.data(), line.size()) != static_cast<ssize_t>(line.size())) break;
+    }
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+  }
+  ::_exit(1);
+}
+
+class StageStoreTest : public testing::Test {
+ protected:
+  StageStoreTest() {
+    std::string name = (fs::temp_directory_path() / "cortshift-store-XXXXXX").string();
+    folder = ::mkdtemp(name.data());
+  }
+  ~StageStoreTest() override {
+    std::error_code ignored;
+    fs::remove_all(folder, ignored);
+  }
+
+  std::vector<fs::path> bags() const {
+    std::vector<fs::path> found;
+    for (const auto& file : fs::directory_iterator(folder))
+      if (file.path().extension() == ".bag") found.push_back(file.path());
+    std::sort(found.begin(), found.end());
+    return found;
+  }
+
+  template <typename Action>
+  static std::string refusal(Action action) {
+    try {
+      action();
+    } catch (const TrackingError& error) {
+      return error.what();
+    }
+    return "";
+  }
+
+  fs::path folder;
+};
+
+TEST_F(StageStoreTest, KeepsEverythingInOrderAcrossRestarts) {
+  StageRecord full = sampleStage("second");
+  auto image = boost::make_shared<sensor_msgs::Image>();
+  image->header.stamp = full.info.stamp;
+  image->data.assign(1000, 7);
+  full.left = image;
+  auto info = boost::make_shared<sensor_msgs::CameraInfo>();
+  info->K[0] = 1234.5;
+  full.left_info = info;
+  full.tf.transforms.resize(1);
+  full.tf.transforms[0].child_frame_id = "microscope";
+  {
+    StageStore store(folder);
+    store.add(sampleStage("zeta"));
+    store.add(full);
+    store.add(sampleStage("alpha"));
+  }
+  StageStore store(folder);
+  const auto stages = store.list();
+  ASSERT_EQ(stages.size(), 3U);
+  EXPECT_EQ(stages[0].key, "zeta");
+  EXPECT_EQ(stages[1].key, "second");
+  EXPECT_EQ(stages[2].key, "alpha");
+  EXPECT_TRUE(isWhole(store.load("zeta")));
+  const StageRecord second = store.load("second");
+  EXPECT_TRUE(isWhole(second));
+  ASSERT_TRUE(second.left);
+  EXPECT_EQ(second.left->data, image->data);
+  ASSERT_TRUE(second.left_info);
+  EXPECT_EQ(second.left_info->K[0], 1234.5);
+  ASSERT_EQ(second.tf.transforms.size(), 1U);
+  EXPECT_EQ(second.tf.transforms[0].child_frame_id, "microscope");
+  EXPECT_FALSE(second.right);
+  EXPECT_TRUE(store.setAside().empty());
+}
+
+TEST_F(StageStoreTest, AStageIsAnOrdinaryBag) {
+  StageStore store(folder);
+  store.add(sampleStage("one"));
+  rosbag::Bag bag(bags().at(0).string(), rosbag::bagmode::Read);
+  std::set<std::string> topics;
+  for (const rosbag::MessageInstance& message : rosbag::View(bag)) topics.insert(message.getTopic());
+  EXPECT_EQ(topics, (std::set<std::string>{"/stage/info", "/surface/points"}));
+}
+
+TEST_F(StageStoreTest, RefusesDuplicatesUnknownKeysAndASecondOwner) {
+  StageStore store(folder);
+  store.add(sampleStage("one"));
+  const std::string before = readWhole(bags().at(0));
+  EXPECT_NE(refusal([&] { store.add(sampleStage("one", 5000)); }).find("exists already"), std::string::npos);
+  EXPECT_EQ(readWhole(bags().at(0)), before);
+  EXPECT_NE(refusal([&] { store.load("two"); }).find("there are: one"), std::string::npos);
+  EXPECT_NE(refusal([&] { StageStore second(folder); }).find("in use by another process"), std::string::npos);
+}
+
+TEST_F(StageStoreTest, DeletedStagesStayOnDiskAndTheirNumberIsNotUsedAgain) {
+  {
+    StageStore store(folder);
+    store.add(sampleStage("one"));
+    store.add(sampleStage("two"));
+    store.remove("two");
+    store.add(sampleStage("two", 5000));
+  }
+  StageStore store(folder);
+  EXPECT_EQ(store.list().size(), 2U);
+  EXPECT_EQ(store.load("two").surface->data.size(), 5000U);
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder / "deleted"), {}), 1);
+  EXPECT_EQ(bags().at(1).filename().string().substr(0, 9), "0003_two_");
+}
+
+TEST_F(StageStoreTest, DamagedAndForeignBagsAreSetAsideAndNamed) {
+  {
+    StageStore store(folder);
+    for (const char* key : {"whole", "flipped", "short"}) store.add(sampleStage(key));
+  }
+  const auto files = bags();
+  {  // one bit in the middle
+    std::fstream file(files[1], std::ios::in | std::ios::out | std::ios::binary);
+    file.seekg(150000);
+    const char byte = static_cast<char>(file.get() ^ 4);
+    file.seekp(150000);
+    file.put(byte);
+  }
+  fs::resize_file(files[2], 100000);
+  std::ofstream(folder / "recording.bag") << "no bag at all";
+  {  // another case's stage under a key that is taken
+    StageStore other(folder / "other");
+    other.add(sampleStage("whole", 4000));
+  }
+  const fs::path twin = fs::directory_iterator(folder / "other")->path().extension() == ".bag"
+                            ? fs::directory_iterator(folder / "other")->path()
+                            : std::next(fs::directory_iterator(folder / "other"))->path();
+  fs::copy(twin, folder / ("0009" + twin.filename().string().substr(4)));
+  std::ofstream(folder / "probe_points.json") << "{}";
+  std::ofstream(folder / "0010_half_00000000.bag.partial") << "half";
+
+  StageStore store(folder);
+  ASSERT_EQ(store.list().size(), 1U);
+  EXPECT_TRUE(isWhole(store.load("whole")));
+  ASSERT_EQ(store.setAside().size(), 4U);
+  std::string all;
+  for (const std::string& line : store.setAside()) all += line + "\n";
+  EXPECT_NE(all.find(files[1].filename().string() + ": its content does not have the checksum"), std::string::npos);
+  EXPECT_NE(all.find(files[2].filename().string()), std::string::npos);
+  EXPECT_NE(all.find("recording.bag: its name is not that of a stage"), std::string::npos);
+  EXPECT_NE(all.find("is that of"), std::string::npos);
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder / "set_aside"), {}), 4);
+  EXPECT_TRUE(fs::exists(folder / "probe_points.json"));
+  EXPECT_FALSE(fs::exists(folder / "0010_half_00000000.bag.partial"));
+  store.add(sampleStage("flipped"));  // the key is free again
+}
+
+TEST_F(StageStoreTest, DamageAfterTheStartIsNoticedWhenTheStageIsUsed) {
+  StageStore store(folder);
+  store.add(sampleStage("one"));
+  fs::resize_file(bags().at(0), 1000);
+  EXPECT_NE(refusal([&] { store.load("one"); }).find("stage 'one' cannot be read"), std::string::npos);
+}
+
+TEST_F(StageStoreTest, AFullDiskRefusesAndLeavesNothingBehind) {
+  StageStore store(folder);
+  store.add(sampleStage("one"));
+  for (const long room : {0L, 1L, 100000L, 299999L}) {
+    disk_room = room;
+    const std::string reason = refusal([&] { store.add(sampleStage("large")); });
+    disk_room = kUnlimited;
+    EXPECT_NE(reason.find("No space left on device"), std::string::npos) << reason;
+    EXPECT_EQ(store.list().size(), 1U);
+    EXPECT_EQ(std::distance(fs::directory_iterator(folder), {}), 2);  // the stage and the lock
+  }
+  store.add(sampleStage("large"));  // once there is room again
+  EXPECT_TRUE(isWhole(store.load("large")));
+}
+
+TEST_F(StageStoreTest, ADiskThatCannotSyncIsNotBelieved) {
+  StageStore store(folder);
+  sync_works = false;
+  const std::string reason = refusal([&] { store.add(sampleStage("one")); });
+  sync_works = true;
+  EXPECT_NE(reason.find("cannot sync"), std::string::npos) << reason;
+  EXPECT_TRUE(store.list().empty());
+  EXPECT_TRUE(bags().empty());
+}
+
+/// Root's processes ignore permissions until they give up the right to. (Another user may not even reach the folder.)
+bool obeyPermissions() {
+  if (::geteuid() != 0) return true;
+  __user_cap_header_struct header{_LINUX_CAPABILITY_VERSION_3, 0};
+  std::array<__user_cap_data_struct, _LINUX_CAPABILITY_U32S_3> none{};
+  return ::syscall(SYS_capset, &header, none.data()) == 0;
+}
+
+TEST_F(StageStoreTest, AReadOnlyFolderCanBeReadAndRefusesCaptures) {
+  {
+    StageStore store(folder);
+    store.add(sampleStage("one"));
+  }
+  fs::permissions(folder, fs::perms(0555));
+  fs::permissions(folder / ".lock", fs::perms(0444));
+  const pid_t child = ::fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    if (!obeyPermissions()) ::_exit(9);
+    try {
+      StageStore store(folder);
+      if (store.list().size() != 1 || !isWhole(store.load("one"))) ::_exit(2);
+      if (refusal([&] { store.add(sampleStage("two")); }).empty()) ::_exit(3);
+      if (refusal([&] { store.remove("one"); }).empty()) ::_exit(4);
+      if (store.list().size() != 1) ::_exit(5);
+    } catch (const std::exception& error) {
+      std::fprintf(stderr, "%s\n", error.what());
+      ::_exit(6);
+    }
+    ::_exit(0);
+  }
+  int status = 0;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  EXPECT_TRUE(WIFEXITED(status));
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+  fs::permissions(folder, fs::perms::owner_all);
+}
+
+TEST_F(StageStoreTest, SurvivesKillAtRandomInstants) {
+  std::mt19937 random(20140101);
+  std::uniform_int_distribution<int> microseconds(0, 25000);
+  std::set<std::string> acknowledged;
+  std::size_t interrupted = 0;
+  for (int round = 0; round < 200; ++round) {
+    int pipe_ends[2];
+    ASSERT_EQ(::pipe(pipe_ends), 0);
+    const pid_t child = ::fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) captureUntilKilled(folder, pipe_ends[1]);
+    ::close(pipe_ends[1]);
+    char byte;
+    std::string said;
+    if (::read(pipe_ends[0], &byte, 1) == 1) said += byte;  // it captures now
+    ::usleep(static_cast<useconds_t>(microseconds(random)));
+    ::kill(child, SIGKILL);
+    ::waitpid(child, nullptr, 0);
+    while (::read(pipe_ends[0], &byte, 1) == 1) said += byte;
+    ::close(pipe_ends[0]);
+    std::size_t begin = 0;
+    for (std::size_t end; (end = said.find('\n', begin)) != std::string::npos; begin = end + 1)
+      acknowledged.insert(said.substr(begin, end - begin));
+    for (const auto& file : fs::directory_iterator(folder))
+      if (file.path().extension() == ".partial") ++interrupted;
+
+    // After each restart: all that was acknowledged is there and whole, and nothing is there in part.
+    StageStore store(folder);
+    ASSERT_TRUE(store.setAside().empty()) << store.setAside().front();
+    std::set<std::string> found;
+    for (const auto& stage : store.list()) found.insert(stage.key);
+    for (const std::string& key : acknowledged) ASSERT_TRUE(found.count(key)) << key;
+    for (const std::string& key : found) ASSERT_TRUE(isWhole(store.load(key))) << key;
+    for (const std::string& key : found) store.remove(key);  // keep the rounds quick
+    acknowledged.clear();
+    fs::remove_all(folder / "deleted");
+  }
+  EXPECT_GT(interrupted, 5U);  // otherwise the kills did not hit captures
+}
+
+}  // namespace
+}  // namespace cortshift_tracking
