@@ -12,8 +12,10 @@ namespace {
 void paint(ArvBuffer* buffer, void*, guint32, guint32, ArvPixelFormat) {
   const std::int64_t now =
       std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
-  std::size_t size = 0;
-  auto* pixels = static_cast<unsigned char*>(const_cast<void*>(arv_buffer_get_data(buffer, &size)));
+  // The buffer's own size counts what was received, which is nothing on this side.
+  const auto size = static_cast<std::size_t>(arv_buffer_get_image_width(buffer)) *
+                    static_cast<std::size_t>(arv_buffer_get_image_height(buffer));
+  auto* pixels = static_cast<unsigned char*>(const_cast<void*>(arv_buffer_get_data(buffer, nullptr)));
   std::memset(pixels, 100, size);
   if (size >= sizeof now) std::memcpy(pixels, &now, sizeof now);
 }
@@ -30,6 +32,11 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "fake_gige_camera: cannot serve on %s\n", argv[1]);
     return 1;
   }
-  arv_fake_camera_set_fill_pattern(arv_gv_fake_camera_get_fake_camera(camera), paint, nullptr);
+  ArvFakeCamera* sensor = arv_gv_fake_camera_get_fake_camera(camera);
+  arv_fake_camera_set_fill_pattern(sensor, paint, nullptr);
+  // How often it looks whether it has been triggered: at the default of 25 Hz two cameras would expose 40 ms apart
+  // whenever a trigger meets such an instant.
+  constexpr double kLooksPerSecond = 100;
+  arv_fake_camera_set_trigger_frequency(sensor, kLooksPerSecond);
   for (;;) g_usleep(1000000);
 }

@@ -41,7 +41,7 @@ TEST(ClockMap, OneSampleIsItsOwnArrival) {
 }
 
 TEST(FrameIdGuard, HoldsPairsBackAfterALostFrame) {
-  FrameIdGuard guard(2);
+  FrameIdGuard guard(2, 2);
   EXPECT_FALSE(guard.accept(10, 5));
   EXPECT_TRUE(guard.accept(11, 6));
   EXPECT_TRUE(guard.accept(13, 8));    // both missed one
@@ -52,10 +52,19 @@ TEST(FrameIdGuard, HoldsPairsBackAfterALostFrame) {
 }
 
 TEST(FrameIdGuard, NumbersOfSixteenBitWrap) {
-  FrameIdGuard guard(1);
+  FrameIdGuard guard(1, FrameIdGuard::kNever);
   EXPECT_TRUE(guard.accept(65535, 65533));
   EXPECT_TRUE(guard.accept(1, 65534));
   EXPECT_TRUE(guard.accept(3, 1));
+}
+
+TEST(FrameIdGuard, TriggeredCamerasKeepTheirFirstDifferenceUntilTheyAreSettledAnew) {
+  FrameIdGuard guard(1, FrameIdGuard::kNever);
+  EXPECT_TRUE(guard.accept(10, 5));
+  for (int i = 0; i < 20; ++i) EXPECT_FALSE(guard.accept(12 + i, 6 + i));
+  EXPECT_TRUE(guard.accept(40, 35));
+  guard.reset();
+  EXPECT_TRUE(guard.accept(41, 35));
 }
 
 TEST(PixelFormats, GiveOneColour) {

@@ -25,14 +25,17 @@ ADDRESSES = ('127.0.0.1', '127.0.0.2')
 PERIOD = 0.1
 TOGETHER = 0.03  # s; the two exposures of one trigger; neighbours are PERIOD apart
 
-CALIBRATION = """image_width: 512
-image_height: 512
+# The camera in software sends an image in one burst, which has to fit into the receiving socket's default buffer.
+SMALL = ['Width=320', 'Height=240']
+
+CALIBRATION = """image_width: 320
+image_height: 240
 camera_name: {name}
 distortion_model: plumb_bob
-camera_matrix: {{rows: 3, cols: 3, data: [900, 0, 256, 0, 900, 256, 0, 0, 1]}}
+camera_matrix: {{rows: 3, cols: 3, data: [900, 0, 160, 0, 900, 120, 0, 0, 1]}}
 distortion_coefficients: {{rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}}
 rectification_matrix: {{rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}}
-projection_matrix: {{rows: 3, cols: 4, data: [900, 0, 256, {tx}, 0, 900, 256, 0, 0, 0, 1, 0]}}
+projection_matrix: {{rows: 3, cols: 4, data: [900, 0, 160, {tx}, 0, 900, 120, 0, 0, 0, 1, 0]}}
 """
 
 
@@ -124,7 +127,7 @@ class Aravis(unittest.TestCase):
         parameters['aravis'].update({'pixel_format': 'Mono8', 'packet_socket': False, 'packet_size': 1400, 'frame_retention': 0.5,
                                      'exposure': 0.005, 'frame_rate': 1 / PERIOD, 'sync_tolerance': 0.02, **changes})
         for side, (name, trigger) in enumerate(zip(('left', 'right'), triggers)):
-            parameters['aravis'][name] = {'device': ADDRESSES[side], 'trigger_source': trigger, 'features': ['GainAuto=Off']}
+            parameters['aravis'][name] = {'device': ADDRESSES[side], 'trigger_source': trigger, 'features': SMALL}
         rospy.set_param('/stereo_driver', parameters)
         self.pairs.clear()
         self.diagnostics.clear()
@@ -167,13 +170,11 @@ class Aravis(unittest.TestCase):
 
     def test_free_running(self):
         self.camera(0), self.camera(1)
-        # Two free running cameras are half a period apart at worst: they are no stereo head.
-        self.driver(1 / PERIOD, ('', ''), sync_tolerance=0.035)
-        time.sleep(8)
+        # Both keep to a grid of the same clock, as cameras do that a synchronised clock or one line fires.
+        self.driver(1 / PERIOD, ('', ''))
+        wait_until(lambda: len(self.pairs.take()) > 40, 30, 'forty pairs')
         pairs = self.pairs.take()
-        if len(pairs):
-            self.assertTrue(np.isfinite(pairs).all())
-            self.assertLess(np.abs(pairs[:, 1] - pairs[:, 2]).max(), 0.05)
+        self.assert_all_belong_together(pairs[:-1] if np.isnan(pairs[-1]).any() else pairs)
         wait_until(lambda: 'left images' in self.diagnostics, 20, 'diagnostics')
         self.assertGreater(int(self.diagnostics['left images']), 40)
 
@@ -200,16 +201,23 @@ class Aravis(unittest.TestCase):
         self.driver(0, ('Software', 'Software'))
         rospy.wait_for_service('/stereo_driver/trigger', 20)
         trigger = rospy.ServiceProxy('/stereo_driver/trigger', TriggerCapture)
-        wait_until(lambda: trigger().success, 30, 'first success')
+        wait_until(lambda: trigger().success and len(self.pairs.take()) > 0, 30, 'first pair')
+        time.sleep(0.5)
         self.pairs.clear()
-        for _ in range(10):
+        taken = 0
+        for _ in range(20):
             before = time.time()
             answer = trigger()
-            self.assertTrue(answer.success, answer.message)
+            if not answer.success:  # a busy machine may let one camera in software come late; then it is to be refused
+                print(answer.message)
+                self.assertIn('do not belong together', answer.message)
+                continue
+            taken += 1
             stamp = answer.stamp.to_sec()
             wait_until(lambda: stamp in self.pairs.take()[:, 0] and np.isfinite(self.pairs.take()).all(), 20, 'the pair')
             self.assertGreater(self.pairs.take()[-1, 1], before)
-        self.assertEqual(len(self.pairs.take()), 10)
+        self.assertGreaterEqual(taken, 15)
+        self.assertEqual(len(self.pairs.take()), taken)
         self.assert_all_belong_together(self.pairs.take())
 
 

@@ -5,16 +5,19 @@ import os
 import site
 import socket
 import struct
-import sys
+
+import igtl_environment
 
 
-def use_environment(folder):
-    """Import from the virtual environment with pyigtl beside what this Python has."""
+def use_environment():
+    """Import from the virtual environment with pyigtl beside what this Python has. Raises RuntimeError without it."""
+    folder = os.path.join(os.environ['CMAKE_PREFIX_PATH'].split(':')[0], 'share', 'cortshift_tracking', 'igtl_venv')
+    igtl_environment.make(folder)
     for path in glob.glob(os.path.join(folder, 'lib', 'python3*', 'site-packages')):
         site.addsitedir(path)
 
 
-use_environment(sys.argv[1])
+use_environment()
 import numpy as np  # noqa: E402
 import pyigtl  # noqa: E402
 from pyigtl.messages import MessageBase, message_type_to_class_constructor  # noqa: E402

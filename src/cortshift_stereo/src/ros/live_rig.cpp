@@ -2,6 +2,7 @@
 
 #include <geometry_msgs/TransformStamped.h>
 
+#include <algorithm>
 #include <opencv2/core/affine.hpp>
 #include <opencv2/core/eigen.hpp>
 
@@ -15,6 +16,7 @@ namespace cortshift_stereo {
 namespace {
 
 constexpr double kDiagnosticsPeriod = 1.0;  // [s]
+constexpr double kShareOfPeriod = 0.5;      // waiting for a pose must not hold the next pair up
 
 /// Pose of the raw right camera in the raw left one: both look along the same rectified axes, a baseline apart.
 Eigen::Isometry3d T_left_right(const StereoModel& model) {
@@ -45,7 +47,9 @@ geometry_msgs::TransformStamped edge(const std::string& parent, const std::strin
 }  // namespace
 
 LiveRig::LiveRig(const StereoDriverParameters& parameters)
-    : max_pose_gap_(parameters.live.max_pose_gap), poses_(parameters.live.max_pose_gap) {
+    : pose_wait_(parameters.rate > 0 ? std::min(parameters.live.max_pose_gap, kShareOfPeriod / parameters.rate)
+                                     : parameters.live.max_pose_gap),
+      poses_(parameters.live.max_pose_gap) {
   const LiveParameters& live = parameters.live;
   const StereoModel model = readStereoModelYaml(live.calibration_left, live.calibration_right);
   if (parameters.source == "aravis")
@@ -60,9 +64,9 @@ LiveRig::LiveRig(const StereoDriverParameters& parameters)
       ros::WallDuration(kDiagnosticsPeriod), [this](const ros::WallTimerEvent&) { updater_.force_update(); });
 }
 
-std::optional<Eigen::Isometry3d> LiveRig::T_reference_microscope(Stamp time) const {
+std::optional<Eigen::Isometry3d> LiveRig::T_reference_microscope(Stamp time) {
   try {
-    return poses_.lookup("reference", "microscope", toRosTime(time), ros::WallDuration(max_pose_gap_));
+    return poses_.lookup("reference", "microscope", toRosTime(time), ros::WallDuration(pose_wait_));
   } catch (const PoseError& error) {
     ROS_WARN_STREAM_THROTTLE(5, "no microscope pose is published with the pair: " << error.what());
     return std::nullopt;

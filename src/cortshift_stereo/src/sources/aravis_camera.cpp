@@ -104,13 +104,26 @@ class AravisCamera::Implementation {
     thread_.join();
   }
 
+  /// A camera that is gone lets Aravis wait for many seconds: a thread does that, and nobody waits for it longer than
+  /// for a pair. Only one trigger is under way at a time.
   void softwareTrigger() {
-    const std::lock_guard<std::mutex> lock(device_mutex_);
-    if (!camera_) throw SourceError(name_ + " camera: not connected: " + state().fault);
-    Check check(name_);
-    arv_camera_software_trigger(camera_.get(), check.slot());
+    Object<ArvCamera> camera;
+    {
+      const std::lock_guard<std::mutex> lock(device_mutex_);
+      if (!camera_) throw SourceError(name_ + " camera: not connected: " + state().fault);
+      camera.reset(ARV_CAMERA(g_object_ref(camera_.get())));
+    }
+    std::future<void> trigger =
+        std::async(std::launch::async, [name = name_, camera = std::shared_ptr<ArvCamera>(std::move(camera))] {
+          Check check(name);
+          arv_camera_software_trigger(camera.get(), check.slot());
+          check.that("the software trigger failed");
+        });
     try {
-      check.that("the software trigger failed");
+      if (trigger.wait_for(std::chrono::duration<double>(common_.timeout)) == std::future_status::ready)
+        return trigger.get();
+      waitLater(std::move(trigger));
+      throw SourceError(name_ + " camera: the software trigger is not answered");
     } catch (const SourceError& error) {
       reconnect(error.what());
       throw;
@@ -288,7 +301,18 @@ class AravisCamera::Implementation {
     return frame;
   }
 
-  /// Saying goodbye to a camera that is gone takes seconds; a thread does it that nobody waits for but the destructor.
+  /// Nobody but the destructor waits for it.
+  void waitLater(std::future<void> future) {
+    const std::lock_guard<std::mutex> lock(later_mutex_);
+    later_.erase(std::remove_if(later_.begin(), later_.end(),
+                                [](const std::future<void>& f) {
+                                  return f.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+                                }),
+                 later_.end());
+    later_.push_back(std::move(future));
+  }
+
+  /// Saying goodbye to a camera that is gone takes seconds, too.
   void disconnect() {
     Object<ArvCamera> camera;
     Object<ArvStream> stream;
@@ -300,12 +324,7 @@ class AravisCamera::Implementation {
     if (!camera) return;
     g_signal_handlers_disconnect_by_data(arv_camera_get_device(camera.get()), this);
     const bool gone = !stopping();
-    goodbyes_.erase(std::remove_if(goodbyes_.begin(), goodbyes_.end(),
-                                   [](const std::future<void>& f) {
-                                     return f.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-                                   }),
-                    goodbyes_.end());
-    goodbyes_.push_back(std::async(std::launch::async, [gone, c = camera.release(), s = stream.release()] {
+    waitLater(std::async(std::launch::async, [gone, c = camera.release(), s = stream.release()] {
       if (!gone) arv_camera_stop_acquisition(c, nullptr);
       g_object_unref(s);
       g_object_unref(c);
@@ -323,12 +342,14 @@ class AravisCamera::Implementation {
   Object<ArvCamera> camera_;
   Object<ArvStream> stream_;
 
+  std::mutex later_mutex_;
+  std::vector<std::future<void>> later_;
+
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   bool stop_ = false;
   std::string lost_;
   CameraState state_;
-  std::vector<std::future<void>> goodbyes_;
   std::thread thread_;
 };
 

@@ -1,6 +1,7 @@
 #include "aravis_source.hpp"
 
 #include <cmath>
+#include <future>
 
 namespace cortshift_stereo {
 namespace {
@@ -20,7 +21,7 @@ AravisSource::AravisSource(const AravisSettings& settings, const StereoModel& ca
     : settings_((settings.validate(), settings)),
       calibration_(calibration),
       triggered_(settings.left.trigger_source == "Software" || settings.right.trigger_source == "Software"),
-      guard_(triggered_ ? 1 : kConfirmations) {
+      guard_(triggered_ ? FrameIdGuard(1, FrameIdGuard::kNever) : FrameIdGuard(kConfirmations, kConfirmations)) {
   const AravisCameraSettings* own[2] = {&settings_.left, &settings_.right};
   for (int side = 0; side < 2; ++side)
     cameras_[side] = std::make_unique<AravisCamera>(
@@ -88,8 +89,12 @@ StereoPair AravisSource::fireTriggered() {
   settled_ = false;  // until this trigger's images are accounted for
   lock.unlock();
   const AravisCameraSettings* own[2] = {&settings_.left, &settings_.right};
+  std::future<void> triggers[2];  // both at once
   for (int side = 0; side < 2; ++side)
-    if (own[side]->trigger_source == "Software") cameras_[side]->softwareTrigger();
+    if (own[side]->trigger_source == "Software")
+      triggers[side] = std::async(std::launch::async, [this, side] { cameras_[side]->softwareTrigger(); });
+  for (auto& trigger : triggers)
+    if (trigger.valid()) trigger.get();
   lock.lock();
   const bool complete = arrived_.wait_for(lock, seconds(settings_.timeout),
                                           [this] { return !frames_[0].empty() && !frames_[1].empty(); });
@@ -113,18 +118,20 @@ StereoPair AravisSource::fireTriggered() {
   }
   CameraFrame left = std::move(frames_[0].front()), right = std::move(frames_[1].front());
   for (auto& frames : frames_) frames.clear();
+  settled_ = true;
   if (left.image.empty() || right.image.empty()) {
     ++counts_.incomplete;
     throw SourceError(std::string("the ") + (left.image.empty() ? "left" : "right") +
                       " image did not arrive whole; check cable, packet size and network buffers");
   }
   const double gap = toSeconds(right.stamp - left.stamp);
-  if (std::abs(gap) > settings_.sync_tolerance || !guard_.accept(left.id, right.id)) {
-    ++counts_.mismatched;
+  const bool same_number = guard_.accept(left.id, right.id);
+  if (std::abs(gap) > settings_.sync_tolerance || !same_number) {
+    counts_.mismatched += 2;
+    settled_ = same_number;
     throw SourceError("the two images do not belong together: exposed " + std::to_string(1000 * gap) +
                       " ms apart, frames " + std::to_string(left.id) + " and " + std::to_string(right.id));
   }
-  settled_ = true;
   ++counts_.pairs;
   counts_.last_gap = gap;
   return pairOf(std::move(left), std::move(right));

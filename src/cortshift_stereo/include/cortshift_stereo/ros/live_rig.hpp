@@ -25,13 +25,13 @@ class LiveRig {
   std::shared_ptr<StereoSource> source() const { return source_; }
 
   /// Pose of the microscope from tf at exactly this time; nothing where the tracker does not know it.
-  std::optional<Eigen::Isometry3d> T_reference_microscope(Stamp time) const;
+  std::optional<Eigen::Isometry3d> T_reference_microscope(Stamp time);
 
  private:
   void sendStaticTransforms(const StereoModel& model, const std::string& hand_eye);
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
 
-  double max_pose_gap_;
+  double pose_wait_;  // longest wait for the tracker's next sample [s]
   std::shared_ptr<StereoSource> source_;
   std::shared_ptr<AravisSource> cameras_;  // source_, where it is one
   PoseLookup poses_;
