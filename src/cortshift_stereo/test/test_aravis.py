@@ -115,6 +115,10 @@ class Aravis(unittest.TestCase):
 
     def camera(self, side):
         process = subprocess.Popen([program('cortshift_stereo', 'fake_gige_camera'), ADDRESSES[side], f'GV{side}'])
+        try:  # a real camera exposes when it is triggered, however busy the computer is
+            os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(10))
+        except PermissionError:
+            pass
         self.addCleanup(kill, process)
         return process
 
