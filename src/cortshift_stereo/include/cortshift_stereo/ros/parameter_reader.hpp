@@ -53,7 +53,7 @@ class ParameterReader {
   /// A list or dictionary that the caller takes apart; it stays invalid where nothing is given.
   void structure(const std::string& key, XmlRpc::XmlRpcValue& value) {
     known_.insert(key);
-    if (node_.hasParam(key)) node_.getParam(key, value);
+    if (source_.has(key)) source_.get(key, value);
     log_ << " " << key << "=" << (value.valid() ? value.toXml() : "none");
   }
 
