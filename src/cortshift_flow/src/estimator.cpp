@@ -23,8 +23,9 @@ namespace {
 constexpr int kSearchSide = 96;  // the search runs at the first level whose shorter side is below twice this [px]
 constexpr int kPolishLevel = 2;  // from this level on the polish takes over from Eq. (5)
 
-constexpr int kWindow = 2;                  // half width of the windows in which images are compared [px]
-constexpr float kAgreement = 1;             // of forward and backward flow [px of the level]
+constexpr int kStiffLinearisations = 2;  // of the first polish, whose start is too rough to tell curvature from noise
+constexpr int kWindow = 2;               // half width of the windows in which images are compared [px]
+constexpr float kAgreement = 1;          // of forward and backward flow [px of the level]
 const std::vector<int> kReaches = {4, 10};  // over which flow is exchanged [px]
 
 /// Windows that mismatch by more are suspect.
@@ -97,9 +98,9 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   };
   BrightnessMap brightness = brightnessAt(l, coveredBy(flow.backward));
 
+  const int start_level = l;
   // 3. Second-order polish from coarse to fine; at each level first the boundaries and what is hidden.
   PolishEffort polishing;
-  polishing.curvature = static_cast<float>(settings.curvature);
   Hidden hidden;
   PolishedFlow polished;
   Level level;
@@ -135,6 +136,9 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
     const cv::Vec4f weights = noiseWeights(pair, flow.forward, hidden.visible);
     polishing.linearisations = l > 0 ? settings.coarse_polish_iterations : settings.full_polish_iterations;
     polishing.solver_iterations = l > 0 ? 60 : 50;
+    // In pixels of the level and over its wider spacing, a bend of the same tissue is twice as large per level.
+    polishing.curvature = static_cast<float>(settings.curvature * (1 << l));
+    polishing.stiff_linearisations = l == start_level ? kStiffLinearisations : 0;
     polished = polish(pair, weights, hidden.visible, flow.forward, polishing, threads);
     flow.forward = evaluate(polished, flow.forward, threads);
     if (l > 0 && brightness.significant()) brightness = brightnessAt(l, hidden.visible);

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <opencv2/imgproc.hpp>
 #include <vector>
 
 #include "parallel.hpp"
@@ -12,7 +13,8 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr float kOrdinaryCurvature = 3.f;  // second differences up to so many times the expected are not exceptional
+constexpr float kOrdinaryCurvature = 5.f;  // a neighbourhood curved up to so many times the expected is not exceptional
+constexpr double kNeighbourhood = 1.5;     // standard deviation of the window over which curvature is averaged [nodes]
 constexpr float kRobust = 6.f;  // squared norm of a whitened residual at which its influence starts to saturate
 
 /// Weights of the second differences about each node: along x, along y, and mixed (with the nodes right and below).
@@ -32,39 +34,69 @@ struct Vector {
 /// Second differences a - 2b + c.
 float second(float a, float b, float c) { return a - 2 * b + c; }
 
-/// Weight of a second difference: 1 up to the expected curvature, less where the surface curves more (as an absolute
-/// value is weighted), towards 0 across a motion boundary (redescending, after Geman and McClure).
-struct Connection {
-  float inverse_square_curvature, inverse_square_break;
-  float operator()(float square) const {
-    const float ratio = 1 + square * inverse_square_break;
-    return 1 / (std::sqrt(1 + square * inverse_square_curvature) * ratio * ratio);
-  }
-};
-
-void connect(const FlowPlanes& nodes, const Connection& connection, float weight, Stencils& s, int threads) {
+/// Squares of the second differences about each node, both components together [px^2].
+Stencils squaredDifferences(const FlowPlanes& nodes, int threads) {
   const int width = nodes.u.width(), height = nodes.u.height();
+  Stencils s;
+  for (Plane* p : {&s.xx, &s.yy, &s.xy}) p->create(height, width);
   forRows(height, threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y) {
       const float *u = nodes.u.row(y), *v = nodes.v.row(y), *ua = nodes.u.row(y - 1), *va = nodes.v.row(y - 1),
                   *ub = nodes.u.row(y + 1), *vb = nodes.v.row(y + 1);
+      float *xx = s.xx.row(y), *yy = s.yy.row(y), *xy = s.xy.row(y);
+      const auto square = [](float a, float b) { return a * a + b * b; };
+      for (int x = 1; x < width - 1; ++x)
+        xx[x] = square(second(u[x - 1], u[x], u[x + 1]), second(v[x - 1], v[x], v[x + 1]));
+      if (y > 0 && y < height - 1)
+        for (int x = 0; x < width; ++x) yy[x] = square(second(ua[x], u[x], ub[x]), second(va[x], v[x], vb[x]));
+      if (y < height - 1)
+        for (int x = 0; x < width - 1; ++x)
+          xy[x] = square(ub[x + 1] - ub[x] - u[x + 1] + u[x], vb[x + 1] - vb[x] - v[x + 1] + v[x]);
+    }
+  });
+  return s;
+}
+
+/// Mean square of the second differences around each node [px^2]; a motion boundary counts no more than a full bend.
+cv::Mat1f meanCurvature(const Stencils& squares, float break_at) {
+  const int width = squares.xx.width(), height = squares.xx.height();
+  cv::Mat1f sum(height, width), mean;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      sum(y, x) = std::min(squares.xx.row(y)[x] + squares.yy.row(y)[x] + 2 * squares.xy.row(y)[x], break_at * break_at);
+  cv::GaussianBlur(sum, mean, cv::Size(), kNeighbourhood);
+  return mean;
+}
+
+/// What is known about the flow's smoothness before the data: how much it curves, and where it breaks.
+struct Prior {
+  float curvature;  ///< expected second difference [px]
+  float break_at;   ///< [px]
+  bool follow;      ///< expect more where the present flow curves more
+};
+
+/// Turns squared second differences into their weights in the energy. A weight is the inverse square of the curvature
+/// that is expected around the node: the prior's, or what the whole neighbourhood shows where that is much more. (A
+/// single large difference is noise; a neighbourhood of them is tissue that bends.) Across a motion boundary the
+/// weight falls to 0 (redescending, after Geman and McClure).
+void weigh(const Prior& prior, Stencils& s, int threads) {
+  const int width = s.xx.width(), height = s.xx.height();
+  const float square_curvature = prior.curvature * prior.curvature;
+  const float inverse_square_break = 1 / (prior.break_at * prior.break_at);
+  const cv::Mat1f mean = prior.follow ? meanCurvature(s, prior.break_at) : cv::Mat1f(height, width, 0.f);
+  forRows(height, threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y) {
+      float *xx = s.xx.row(y), *yy = s.yy.row(y), *xy = s.xy.row(y);
+      const float* around = mean.ptr<float>(y);
       for (int x = 0; x < width; ++x) {
-        float xx = 0, yy = 0, xy = 0;
-        if (x > 0 && x < width - 1) {
-          const float hu = second(u[x - 1], u[x], u[x + 1]), hv = second(v[x - 1], v[x], v[x + 1]);
-          xx = weight * connection(hu * hu + hv * hv);
-        }
-        if (y > 0 && y < height - 1) {
-          const float hu = second(ua[x], u[x], ub[x]), hv = second(va[x], v[x], vb[x]);
-          yy = weight * connection(hu * hu + hv * hv);
-        }
-        if (x < width - 1 && y < height - 1) {
-          const float hu = ub[x + 1] - ub[x] - u[x + 1] + u[x], hv = vb[x + 1] - vb[x] - v[x + 1] + v[x];
-          xy = 2 * weight * connection(hu * hu + hv * hv);  // twice: h_xy and h_yx
-        }
-        s.xx.row(y)[x] = xx;
-        s.yy.row(y)[x] = yy;
-        s.xy.row(y)[x] = xy;
+        const float weight = 1 / (square_curvature + around[x] * (1 / (kOrdinaryCurvature * kOrdinaryCurvature)));
+        const auto connection = [&](float square) {
+          const float ratio = 1 + square * inverse_square_break;
+          return weight / (ratio * ratio);
+        };
+        xx[x] = x > 0 && x < width - 1 ? connection(xx[x]) : 0;
+        yy[x] = y > 0 && y < height - 1 ? connection(yy[x]) : 0;
+        xy[x] = x < width - 1 && y < height - 1 ? 2 * connection(xy[x]) : 0;  // twice: h_xy and h_yx
       }
     }
   });
@@ -404,11 +436,9 @@ PolishedFlow polish(const ImagePair& images, const cv::Vec4f& channel_weights, c
   ReducedRows reduced;
   for (Plane* p : {&reduced.xx, &reduced.xy, &reduced.yy, &reduced.xt, &reduced.yt})
     p->create(pixels.height, size.width);
-  const float weight = 1 / (effort.curvature * effort.curvature);
-  const Connection connection{weight / (kOrdinaryCurvature * kOrdinaryCurvature),
-                              1 / (effort.break_at * effort.break_at)};
   for (int i = 0; i < effort.linearisations; ++i) {
-    connect(flow.nodes, connection, weight, solver.stencils, threads);
+    solver.stencils = squaredDifferences(flow.nodes, threads);
+    weigh({effort.curvature, effort.break_at, i >= effort.stiff_linearisations}, solver.stencils, threads);
     findRegularCells(flow.nodes, effort.break_at, flow.regular);
     assembleData(images, channel_weights, visible, flow, reduced, solver.data, threads);
     solver.solve(effort.solver_iterations, flow.nodes);

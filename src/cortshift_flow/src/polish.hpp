@@ -13,10 +13,11 @@
 namespace cortshift_flow {
 
 struct PolishEffort {
-  int linearisations = 3;      ///< Gauss-Newton steps
-  int solver_iterations = 30;  ///< conjugate gradients per step
-  float curvature = 0.012f;    ///< expected second difference of the flow between neighbouring nodes [px]
-  float break_at = 1.0f;       ///< a second difference beyond this is a motion boundary, not curvature [px]
+  int linearisations = 3;        ///< Gauss-Newton steps
+  int stiff_linearisations = 0;  ///< of these, steps before the expected curvature may follow the flow's own
+  int solver_iterations = 30;    ///< conjugate gradients per step
+  float curvature = 0.012f;      ///< expected second difference of the flow between neighbouring nodes [px]
+  float break_at = 1.0f;         ///< a second difference beyond this is a motion boundary, not curvature [px]
 };
 
 /// A flow on the nodes of a SplineGrid, and how well it is known there.

@@ -29,7 +29,7 @@ struct FlowSettings {
 
   // Polish (kPolished).
   double curvature = 0.004;          ///< expected second difference of the flow over 4 px [px]
-  int coarse_polish_iterations = 3;  ///< Gauss-Newton steps at each coarser level
+  int coarse_polish_iterations = 5;  ///< Gauss-Newton steps at each coarser level
   int full_polish_iterations = 2;    ///< and at full resolution
 
   double search_range = 1.0 / 8;  ///< largest motion along an axis, as a share of the shorter side (kPolished)

@@ -19,6 +19,12 @@ const std::vector<Case>& cases() {
          s.motion = Motion::kInward;
          s.surround = Surround::kTissue;
        }},
+      {"outward_all", [](Settings& s) { s.surround = Surround::kContinuing; }},
+      {"inward_all",
+       [](Settings& s) {
+         s.motion = Motion::kInward;
+         s.surround = Surround::kContinuing;
+       }},
       {"noise2", [](Settings& s) { s.noise = 2; }},
       {"noise5", [](Settings& s) { s.noise = 5; }},
       {"gain",

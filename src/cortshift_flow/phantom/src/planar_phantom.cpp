@@ -33,11 +33,13 @@ class Deformation {
         scale_(std::min(s.size.width, s.size.height) / kReferenceSide),
         radius_(s.rim_radius * scale_),
         radial_(s.motion != Motion::kSmooth),
+        everywhere_(!radial_ || s.surround == Surround::kContinuing),
         // Eq. (6) has the factor 2, which gives 37 px at 342 px.
         factor_(s.largest_motion * scale_ / std::sqrt(radius_)),
         amplitude_(s.largest_motion * scale_) {}
 
   bool inside(const Point& p) const { return !radial_ || distance(p) < radius_; }
+  bool moves(const Point& p) const { return everywhere_ || inside(p); }
   double distance(const Point& p) const { return std::hypot(p.x - centre_.x, p.y - centre_.y); }
   double radius() const { return radius_; }
   double scale() const { return scale_; }
@@ -74,7 +76,7 @@ class Deformation {
  private:
   Point centre_;
   double scale_, radius_;
-  bool radial_;
+  bool radial_, everywhere_;
   double factor_, amplitude_;
 };
 
@@ -101,8 +103,9 @@ class Scene {
 
   /// Colour at a point of the undeformed or the deformed image.
   cv::Vec3d colour(const Point& p, bool deformed) const {
-    const double inside =
-        settings_.motion == Motion::kSmooth ? 1.0 : softStep(deformation_.radius() - deformation_.distance(p), kEdge);
+    const double inside = settings_.motion == Motion::kSmooth || settings_.surround == Surround::kContinuing
+                              ? 1.0
+                              : softStep(deformation_.radius() - deformation_.distance(p), kEdge);
     cv::Vec3d result(0, 0, 0);
     if (inside > 0) result += inside * tissue(deformed ? deformation_.origin(p) : p);
     if (inside < 1) result += (1 - inside) * surround(p);
@@ -256,10 +259,11 @@ PlanarPhantom makePlanarPhantom(const PlanarPhantomSettings& settings) {
   for (int y = 0; y < settings.size.height; ++y)
     for (int x = 0; x < settings.size.width; ++x) {
       const Point p(x, y);
-      if (!deformation.inside(p)) continue;
+      if (!deformation.moves(p)) continue;
       const Point material = inward ? deformation.origin(p) : p;
       const Point shift = inward ? material - p : deformation.displacement(p);
       phantom.truth.at<cv::Vec2f>(y, x) = cv::Vec2f(static_cast<float>(shift.x), static_cast<float>(shift.y));
+      if (!deformation.inside(p)) continue;
       phantom.craniotomy.at<uchar>(y, x) = 255;
       const double to_rim = settings.motion == Motion::kSmooth ? std::min(std::min(x, settings.size.width - 1 - x),
                                                                           std::min(y, settings.size.height - 1 - y))

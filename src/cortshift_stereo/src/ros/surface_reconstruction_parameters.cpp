@@ -1,5 +1,6 @@
+#include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
+
 #include "cortshift_stereo/ros/parameter_reader.hpp"
-#include "cortshift_stereo/ros/surface_reconstruction.hpp"
 
 namespace cortshift_stereo {
 
@@ -8,9 +9,9 @@ std::optional<MicroscopeSetting> SurfaceReconstructionParameters::referenceSetti
   return MicroscopeSetting{reference_magnification, reference_focal_length};
 }
 
-SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const ros::NodeHandle& private_node) {
+SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const ParameterSource& source) {
   SurfaceReconstructionParameters p;
-  ParameterReader reader(private_node);
+  ParameterReader reader(source);
   reader.choice("map_frame", p.map_frame);
   reader.choice("camera_frame", p.camera_frame);
   reader.number("sync_tolerance", p.sync_tolerance, 0.0, 0.1);

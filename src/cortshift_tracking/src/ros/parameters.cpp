@@ -7,9 +7,9 @@
 
 namespace cortshift_tracking {
 
-ShiftTrackerParameters ShiftTrackerParameters::load(const ros::NodeHandle& private_node) {
+ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::ParameterSource& source) {
   ShiftTrackerParameters p;
-  cortshift_stereo::ParameterReader reader(private_node);
+  cortshift_stereo::ParameterReader reader(source);
   reader.choice("case_folder", p.case_folder);
   reader.number("capture_timeout", p.capture_timeout, 0.1, 600.0);
   reader.number("max_surface_age", p.max_surface_age, 0.0, 3600.0);

@@ -14,6 +14,7 @@
 #include "cortshift_tracking/pictures.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
 #include "cortshift_tracking/ros/markers.hpp"
+#include "cortshift_tracking/ros/stage_record.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -39,17 +40,6 @@ std::string caseFolder(const ShiftTrackerParameters& parameters) {
   if (ros_home == nullptr && home == nullptr)
     throw TrackingError("case_folder is empty and HOME not set; set case_folder");
   return (ros_home != nullptr ? std::string(ros_home) : std::string(home) + "/.ros") + "/cortshift/case-" + run;
-}
-
-std::string withoutSlash(const std::string& frame) {
-  return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
-}
-
-geometry_msgs::Pose unknownPose() {
-  geometry_msgs::Pose pose;
-  pose.position.x = pose.position.y = pose.position.z = kUnknown;
-  pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = kUnknown;
-  return pose;
 }
 
 /// Fires the driver. A driver that hangs is left behind when the deadline passes.
@@ -138,8 +128,16 @@ bool ShiftTracker::onCapture(cortshift_msgs::CaptureStage::Request& request,
     store_.requireFree(request.key);  // before anything is fired
     const std::lock_guard<std::mutex> guard(capture_mutex_);
     const sensor_msgs::PointCloud2ConstPtr surface = awaitSurface(request.key);
-    std::string remarks;
-    const StageRecord record = makeRecord(request.key, request.note, surface, remarks);
+    StageRecord record;
+    record.info.key = request.key;
+    record.info.note = request.note;
+    record.info.stamp = surface->header.stamp;
+    record.surface = surface;
+    pairs_->fill(record);
+    const std::string remarks =
+        completeStage(record, [this](const std::string& target, const std::string& source, const ros::Time& stamp) {
+          return poses_.lookup(target, source, stamp, kPoseWait);
+        });
     store_.add(record);
     response.success = true;
     response.stage = record.info;
@@ -195,59 +193,6 @@ std::string ShiftTracker::whyNoSurface() const {
   return why;
 }
 
-StageRecord ShiftTracker::makeRecord(const std::string& key, const std::string& note,
-                                     const sensor_msgs::PointCloud2ConstPtr& surface, std::string& remarks) {
-  const cortshift_stereo::Surface converted = cortshift_stereo::surfaceFromPointCloud2(*surface);
-  averageNormal(converted);  // a surface that no shift can be computed from is refused now
-  StageRecord record;
-  record.surface = surface;
-  record.info.key = key;
-  record.info.note = note;
-  record.info.stamp = surface->header.stamp;
-  record.info.valid_points = 0;
-  for (auto it = converted.points.begin<cv::Vec3f>(); it != converted.points.end<cv::Vec3f>(); ++it)
-    if ((*it)[0] == (*it)[0]) ++record.info.valid_points;
-  record.info.coverage = record.info.valid_points / static_cast<double>(converted.points.total());
-  pairs_->fill(record);
-  const bool has_pair = (record.left && record.right) || (record.left_compressed && record.right_compressed);
-  if (!has_pair) remarks += "; without its raw pair, which was not seen";
-  if (record.settings) {
-    record.info.settings = *record.settings;
-  } else {
-    record.info.settings.header.stamp = record.info.stamp;
-    record.info.settings.magnification = record.info.settings.focal_length = kUnknown;
-  }
-  addTransforms(record, remarks);
-  return record;
-}
-
-void ShiftTracker::addTransforms(StageRecord& record, std::string& remarks) {
-  const ros::Time& stamp = record.info.stamp;
-  try {
-    record.info.camera_pose = cortshift_stereo::toPose(poses_.lookup("pmr", "left_optical", stamp, kPoseWait));
-  } catch (const std::exception& error) {
-    record.info.camera_pose = unknownPose();
-    remarks += std::string("; camera pose not known: ") + error.what();
-    return;
-  }
-  const auto edge = [&](const char* parent, const char* child) {
-    geometry_msgs::TransformStamped transform;
-    transform.header.stamp = stamp;
-    transform.header.frame_id = parent;
-    transform.child_frame_id = child;
-    transform.transform = cortshift_stereo::toTransform(poses_.lookup(parent, child, stamp, ros::WallDuration(0)));
-    return transform;
-  };
-  try {
-    record.tf_static.transforms = {edge("pmr", "reference"), edge("microscope", "left_optical"),
-                                   edge("left_optical", "right_optical")};
-    record.tf.transforms = {edge("reference", "microscope")};
-  } catch (const cortshift_stereo::PoseError&) {  // a tree without those frames in between
-    record.tf_static.transforms.clear();
-    record.tf.transforms = {edge("pmr", "left_optical")};
-  }
-}
-
 bool ShiftTracker::onList(cortshift_msgs::ListStages::Request&, cortshift_msgs::ListStages::Response& response) {
   response.stages = store_.list();
   return true;
@@ -259,7 +204,6 @@ bool ShiftTracker::onDelete(cortshift_msgs::DeleteStage::Request& request,
     const std::lock_guard<std::mutex> guard(compute_mutex_);
     store_.remove(request.key);
     regions_.erase(request.key);  // a later stage of this key is another one
-    if (first_key_ == request.key) first_key_.clear();
     response.success = true;
     response.message = "stage '" + request.key + "' is deleted";
     ROS_INFO_STREAM(response.message);
@@ -274,22 +218,14 @@ bool ShiftTracker::onCompute(cortshift_msgs::ComputeShift::Request& request,
                              cortshift_msgs::ComputeShift::Response& response) {
   try {
     const std::lock_guard<std::mutex> guard(compute_mutex_);
-    const std::size_t from = store_.indexOf(request.from_key), to = store_.indexOf(request.to_key);
-    if (from == to)
-      throw TrackingError("from and to are both stage '" + request.from_key + "'; give two different stages");
-    if (from > to)
-      throw TrackingError("stage '" + request.from_key + "' was captured after '" + request.to_key +
-                          "'; the shift goes from an earlier to a later stage: swap the two");
-    const StageRecord earlier = store_.load(request.from_key), later = store_.load(request.to_key);
     const auto excluded = regions_.find(request.from_key);
-    const ShiftResult result =
-        computeShift(cortshift_stereo::surfaceFromPointCloud2(*earlier.surface),
-                     cortshift_stereo::surfaceFromPointCloud2(*later.surface), directions(), parameters_.shift,
-                     excluded == regions_.end() ? std::vector<Region>() : excluded->second);
-    publish(result, earlier.info, later.info);
+    const StageShift shift =
+        computeStageShift(store_, request.from_key, request.to_key, first_normal_, gravity_pmr_, parameters_.shift,
+                          excluded == regions_.end() ? std::vector<Region>() : excluded->second);
+    publish(shift.result, shift.from, shift.to);
     response.success = true;
-    response.summary = toMessage(result.summary, request.from_key, request.to_key);
-    response.message = "shift " + request.from_key + " to " + request.to_key + ": " + toText(result.summary);
+    response.summary = toMessage(shift.result.summary, request.from_key, request.to_key);
+    response.message = "shift " + request.from_key + " to " + request.to_key + ": " + toText(shift.result.summary);
     ROS_INFO_STREAM(response.message);
     const std::lock_guard<std::mutex> status_guard(status_mutex_);
     status_->last_shift = response.message;
@@ -303,14 +239,7 @@ bool ShiftTracker::onCompute(cortshift_msgs::ComputeShift::Request& request,
   return true;
 }
 
-Directions ShiftTracker::directions() {
-  const std::string key = store_.list().front().key;
-  if (key != first_key_) {
-    first_normal_ = averageNormal(cortshift_stereo::surfaceFromPointCloud2(*store_.load(key).surface));
-    first_key_ = key;
-  }
-  return {first_normal_, gravity_pmr_};
-}
+Directions ShiftTracker::directions() { return {first_normal_.of(store_), gravity_pmr_}; }
 
 bool ShiftTracker::onGravity(cortshift_msgs::SetGravity::Request& request,
                              cortshift_msgs::SetGravity::Response& response) {
@@ -429,7 +358,7 @@ void ShiftTracker::publish(const ShiftResult& result, const cortshift_msgs::Stag
 void ShiftTracker::onSurface(const sensor_msgs::PointCloud2ConstPtr& surface) {
   std::string reason;
   try {
-    if (withoutSlash(surface->header.frame_id) != "pmr")
+    if (cortshift_stereo::withoutSlash(surface->header.frame_id) != "pmr")
       throw TrackingError("its frame is '" + surface->header.frame_id + "', not pmr");
     cortshift_stereo::surfaceFromPointCloud2(*surface);
     inbox_.put(surface);

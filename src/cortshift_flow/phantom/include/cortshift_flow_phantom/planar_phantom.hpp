@@ -15,8 +15,9 @@ enum class Motion {
 
 /// What is seen outside the craniotomy.
 enum class Surround {
-  kDrape,   ///< a bluish drape, unlike the tissue
-  kTissue,  ///< the same tissue, standing still: only its motion tells it from the inside
+  kDrape,       ///< a bluish drape, unlike the tissue
+  kTissue,      ///< the same tissue, standing still: only its motion tells it from the inside
+  kContinuing,  ///< the same tissue, moving on by Eq. (6): the whole image is deformed and nothing is hidden
 };
 
 struct PlanarPhantomSettings {

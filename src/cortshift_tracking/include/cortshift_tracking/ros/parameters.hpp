@@ -1,12 +1,11 @@
 // Every parameter of shift_tracker, each default once.
 #pragma once
 
-#include <ros/node_handle.h>
-
 #include <Eigen/Core>
 #include <optional>
 #include <string>
 
+#include "cortshift_stereo/ros/parameter_source.hpp"
 #include "cortshift_tracking/shift.hpp"
 
 namespace cortshift_tracking {
@@ -23,7 +22,7 @@ struct ShiftTrackerParameters {
   ShiftSettings shift;
 
   /// @throws cortshift_stereo::ParameterError naming key, value and what is allowed
-  static ShiftTrackerParameters load(const ros::NodeHandle& private_node);
+  static ShiftTrackerParameters load(const cortshift_stereo::ParameterSource& source);
 };
 
 }  // namespace cortshift_tracking

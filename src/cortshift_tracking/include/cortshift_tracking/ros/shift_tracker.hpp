@@ -25,6 +25,7 @@
 #include "cortshift_stereo/ros/pose_lookup.hpp"
 #include "cortshift_tracking/ros/pair_history.hpp"
 #include "cortshift_tracking/ros/parameters.hpp"
+#include "cortshift_tracking/ros/stage_shift.hpp"
 #include "cortshift_tracking/ros/stage_store.hpp"
 #include "cortshift_tracking/ros/surface_inbox.hpp"
 
@@ -64,9 +65,6 @@ class ShiftTracker {
   void onTimer(const ros::WallTimerEvent& event);
 
   sensor_msgs::PointCloud2ConstPtr awaitSurface(const std::string& key);
-  StageRecord makeRecord(const std::string& key, const std::string& note,
-                         const sensor_msgs::PointCloud2ConstPtr& surface, std::string& remarks);
-  void addTransforms(StageRecord& record, std::string& remarks);
   std::string whyNoSurface() const;
   Directions directions();
   void trackLoop(const std::string& key);
@@ -80,8 +78,7 @@ class ShiftTracker {
 
   std::mutex capture_mutex_;  // one capture at a time: each may fire the trigger
   std::mutex compute_mutex_;  // of what follows, and of computing itself
-  std::string first_key_;     // whose normal is first_normal_
-  Eigen::Vector3d first_normal_;
+  FirstNormal first_normal_;
   std::optional<Eigen::Vector3d> gravity_pmr_;
   std::map<std::string, std::vector<Region>> regions_;  // by key of the earlier stage
 
