@@ -6,8 +6,8 @@
 namespace cortshift_tracking {
 namespace {
 
-constexpr float kMean = 0.5F;        // of the result
-constexpr float kDarkest = 0.02F;    // local mean below which brightness is not raised any further
+constexpr float kMean = 0.5F;      // of the result
+constexpr float kDarkest = 0.02F;  // local mean below which brightness is not raised any further
 constexpr float kLeastWeight = 1e-3F;
 
 cv::Mat luminanceOf(const cv::Mat& image) {
@@ -41,8 +41,7 @@ cv::Mat flowImage(const cv::Mat& colour, const cv::Mat& usable, const std::strin
     for (int column = 0; column < image.cols; ++column) {
       const float mean = n[column] > kLeastWeight ? sum[column] / n[column] : own[column];
       const float scale = kMean / std::max(kDarkest, mean);
-      for (int c = 0; c < count; ++c)
-        pixel[count * column + c] = std::min(1.0F, scale * pixel[count * column + c]);
+      for (int c = 0; c < count; ++c) pixel[count * column + c] = std::min(1.0F, scale * pixel[count * column + c]);
     }
   }
   return image;

@@ -13,11 +13,12 @@ namespace {
 
 using cortshift_flow::FlowResult;
 
-constexpr double kSettled = 0.00045;    // predicted error up to which a vector is sure enough to guide others [m]
-constexpr double kWorthARound = 0.03;   // part of the overlap that must be unsettled for another first look
-constexpr double kRestSearch = 0.0015;  // what may be left of the motion after a look [m]
-constexpr double kSmoothing = 4;        // standard deviation, of a continued flow [px]
+constexpr double kSettled = 0.00045;         // predicted error up to which a vector is sure enough to guide others [m]
+constexpr double kWorthARound = 0.03;        // part of the overlap that must be unsettled for another first look
+constexpr double kRestSearch = 0.0015;       // what may be left of the motion after a look [m]
+constexpr double kSmoothing = 4;             // standard deviation, of a continued flow [px]
 constexpr double kQuickResolution = 0.0004;  // of the looks that choose the channels [m]
+constexpr double kFollowed = 0.75;           // part of the overlap from which all three channels are good enough
 constexpr double kBetter = 0.02;  // part of the overlap that other channels must win to be preferred to all three
 
 /// The pair of images on a grid, as the flow sees them.
@@ -78,7 +79,8 @@ cv::Mat refined(const cv::Mat& flow, cv::Size size, int step) {
 FlowResult look(const Pair& pair, const cv::Mat& guess, bool search, const RegistrationSettings& settings) {
   cortshift_flow::FlowSettings flow = settings.flow;
   flow.curvature = 16 * pair.resolution * settings.bend;  // a second difference over 4 px [px]
-  if (guess.empty()) return cortshift_flow::computeFlow(pair.first, pair.second, pair.first_usable, pair.second_usable, flow);
+  if (guess.empty())
+    return cortshift_flow::computeFlow(pair.first, pair.second, pair.first_usable, pair.second_usable, flow);
   if (!search) {
     const double side = pair.resolution * std::min(pair.first.cols, pair.first.rows);
     flow.search_range = std::clamp(kRestSearch / side, 0.01, flow.search_range);
@@ -105,8 +107,7 @@ double settledPart(const FlowResult& result, const Pair& pair) {
 
 void RegistrationSettings::validate() const {
   if (channels != "auto" && channels != "rgb" && channels != "green" && channels != "blue" && channels != "luminance")
-    throw TrackingError("channels = '" + channels +
-                        "' is not allowed; allowed is auto, rgb, green, blue or luminance");
+    throw TrackingError("channels = '" + channels + "' is not allowed; allowed is auto, rgb, green, blue or luminance");
   requireRange("detail", detail, 0.5, 100.0);
   requireRange("bend", bend, 0.01, 1000.0);
   requireRange("coarse_resolution", coarse_resolution, 0.00005, 0.002);
@@ -141,9 +142,7 @@ FlowResult registerProjections(const Projection& earlier, const Projection& late
                                const cv::Mat& later_usable, const RegistrationSettings& settings,
                                const cv::Mat& prediction) {
   settings.validate();
-  const std::string channels = settings.channels == "auto"
-                                   ? chooseChannels(earlier, later, earlier_usable, later_usable, settings)
-                                   : settings.channels;
+  std::string channels = settings.channels == "auto" ? "rgb" : settings.channels;
   const auto pairAt = [&](int step) {
     return pairOf(earlier, later, earlier_usable, later_usable, step, channels, settings.detail);
   };
@@ -154,12 +153,21 @@ FlowResult registerProjections(const Projection& earlier, const Projection& late
   if (!largeEnough(size, step)) step = 1;
   const int rounds = prediction.empty() ? settings.coarse_rounds - (step == 1 ? 1 : 0) : 0;
   if (rounds > 0) {
-    const Pair pair = pairAt(step);
+    Pair pair = pairAt(step);
     cv::Mat coarse;
     for (int round = 0; round < rounds; ++round) {
-      const FlowResult result = look(pair, coarse, false, settings);
+      FlowResult result = look(pair, coarse, false, settings);
+      double settled = settledPart(result, pair);
+      if (round == 0 && settings.channels == "auto" && settled < kFollowed) {
+        channels = chooseChannels(earlier, later, earlier_usable, later_usable, settings);
+        if (channels != "rgb") {
+          pair = pairAt(step);
+          result = look(pair, coarse, false, settings);
+          settled = settledPart(result, pair);
+        }
+      }
       coarse = predictionOf(result, pair.resolution);
-      if (1 - settledPart(result, pair) < kWorthARound) break;
+      if (1 - settled < kWorthARound) break;
     }
     guess = refined(coarse, size, step);
   }

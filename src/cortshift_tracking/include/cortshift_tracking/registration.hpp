@@ -12,8 +12,9 @@ namespace cortshift_tracking {
 struct RegistrationSettings {
   /// What the flow sees: rgb, green, blue or luminance (paper, Discussion: bleeding), or auto: see chooseChannels.
   std::string channels = "auto";
-  double detail = 3.5;  ///< standard deviation of the window whose mean brightness is divided out [grid units], 0.5 ... 100
-  double bend = 5;      ///< expected second derivative of the displacement along the surface [1/m], 0.01 ... 1000
+  double detail =
+      3.5;          ///< standard deviation of the window whose mean brightness is divided out [grid units], 0.5 ... 100
+  double bend = 5;  ///< expected second derivative of the displacement along the surface [1/m], 0.01 ... 1000
   double coarse_resolution = 0.0002;  ///< grid of the first looks [m]; none where the grid itself is as coarse
   int coarse_rounds = 2;              ///< first looks, each from the sure vectors of the one before, 0 ... 5
   cortshift_flow::FlowSettings flow;  ///< its curvature follows from `bend`

@@ -33,10 +33,10 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   s.inversion.interpolation = inversion == "linear" ? Interpolation::kLinear : Interpolation::kNearest;
   reader.number("min_confidence", s.inversion.min_confidence, 0.0, 1.0);
   reader.number("border", s.trust.border, 0.0, 0.02);
+  reader.number("hole_border", s.trust.hole_border, 0.0, 0.02);
   reader.number("glare", s.trust.glare, 0.5, 1.0);
   reader.number("glare_margin", s.trust.glare_margin, 0.0, 0.01);
   reader.number("match_window", s.trust.match_window, 0.0005, 0.02);
-  reader.number("half_trust", s.trust.half_trust, 0.00001, 0.01);
   reader.number("image_noise", s.trust.image_noise, 0.0, 0.2);
   reader.flag("strain", s.with_strain);
   reader.number("strain_window", s.strain.window, 0.0005, 0.02);
