@@ -11,12 +11,6 @@
 namespace cortshift_stereo {
 namespace {
 
-bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
-  sensor_msgs::CameraInfo other = b;
-  other.header = a.header;
-  return a == other;
-}
-
 cv::Mat decode(const ImageMessage& image) {
   return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
 }
@@ -27,6 +21,12 @@ std::shared_ptr<const SettingsFields> fieldsOf(const std::string& folder) {
 }
 
 }  // namespace
+
+bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
+  sensor_msgs::CameraInfo other = b;
+  other.header = a.header;
+  return a == other;
+}
 
 DropReason dropReason(const std::exception& error) {
   const std::string what = error.what();
@@ -44,15 +44,19 @@ PairReconstruction::PairReconstruction(const SurfaceReconstructionParameters& pa
                   parameters.settings_tolerance),
       recent_(parameters.average, static_cast<std::size_t>(parameters.average_pairs)) {}
 
-PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseAt& pose_at) {
+std::shared_ptr<const Rectifier> PairReconstruction::rectifierFor(const PairMessages& pair) {
   calibrate(pair);
   std::optional<MicroscopeSetting> setting;  // absent means the reference
   if (pair.settings) setting = {pair.settings->magnification, pair.settings->focal_length};
   if (setting && !rectifiers_.reference())
     ROS_WARN_STREAM("no reference setting is configured: "
                     << describe(*setting) << " is taken for the one of the calibration in camera_info");
+  return rectifiers_.at(setting);
+}
+
+PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseAt& pose_at) {
   PairSurface out;
-  out.frame.rectifier = rectifiers_.at(setting);
+  out.frame.rectifier = rectifierFor(pair);
   out.result = reconstruct(decode(pair.left), decode(pair.right), *out.frame.rectifier, parameters_.reconstruction);
   out.frame.stamp_ns = static_cast<std::int64_t>(pair.stamp.toNSec());
   out.frame.T_pmr_left = pose_at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);

@@ -39,6 +39,9 @@ struct PairSurface {
   PosedFrame frame;          ///< of this pair alone
 };
 
+/// Whether the two say the same of the camera, whatever their headers.
+bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b);
+
 /// Why a pair gave no surface: a short fixed word for counting, and a sentence for people.
 struct DropReason {
   std::string reason;
@@ -57,11 +60,15 @@ class PairReconstruction {
   /// @throws PairError, MessageError, CalibrationError, PoseError; see dropReason
   PairSurface operator()(const PairMessages& pair, const PoseAt& pose_at);
 
+  /// Calibration and settings alone; the images may be missing. @throws PairError, CalibrationError
+  void check(const PairMessages& pair) { rectifierFor(pair); }
+
   /// Which settings of the microscope can be used, for people.
   std::string calibratedSettings() const { return rectifiers_.calibratedSettings(); }
 
  private:
   void calibrate(const PairMessages& pair);
+  std::shared_ptr<const Rectifier> rectifierFor(const PairMessages& pair);
 
   SurfaceReconstructionParameters parameters_;
   sensor_msgs::CameraInfoConstPtr left_info_, right_info_;  // that rectifiers_ is calibrated with
