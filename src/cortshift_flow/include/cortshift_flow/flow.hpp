@@ -32,7 +32,7 @@ struct FlowSettings {
   int coarse_polish_iterations = 5;  ///< Gauss-Newton steps at each coarser level
   int full_polish_iterations = 2;    ///< and at full resolution
 
-  double search_range = 1.0 / 8;  ///< largest motion along an axis, as a share of the shorter side (kPolished)
+  double search_range = 0.3;  ///< largest motion along an axis, as a share of the shorter side (kPolished)
 
   /// The settings of a preset: "default"; "fast"; "ji2014", the paper's model with the paper's parameters.
   /// @throws std::invalid_argument for any other name.

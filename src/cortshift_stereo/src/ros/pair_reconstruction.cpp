@@ -18,17 +18,17 @@ std::string text(double value) {
   return out;
 }
 
-bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
-  sensor_msgs::CameraInfo other = b;
-  other.header = a.header;
-  return a == other;
-}
-
 cv::Mat decode(const ImageMessage& image) {
   return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
 }
 
 }  // namespace
+
+bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
+  sensor_msgs::CameraInfo other = b;
+  other.header = a.header;
+  return a == other;
+}
 
 DropReason dropReason(const std::exception& error) {
   const std::string what = error.what();
@@ -40,9 +40,13 @@ DropReason dropReason(const std::exception& error) {
   return {"internal", "The pair could not be processed: " + what + "."};
 }
 
-PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseAt& pose_at) {
+void PairReconstruction::check(const PairMessages& pair) {
   prepareRectifier(pair);
   checkSettings(pair);
+}
+
+PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseAt& pose_at) {
+  check(pair);
   PairSurface out;
   out.rectifier = rectifier_;
   out.result = reconstruct(decode(pair.left), decode(pair.right), *rectifier_, parameters_.reconstruction);

@@ -39,6 +39,9 @@ struct PairSurface {
   std::size_t averaged = 1;  ///< pairs that the surface is the mean of
 };
 
+/// Whether the two say the same of the camera, whatever their headers.
+bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b);
+
 /// Why a pair gave no surface: a short fixed word for counting, and a sentence for people.
 struct DropReason {
   std::string reason;
@@ -55,6 +58,9 @@ class PairReconstruction {
   /// @param pose_at  asked once, after the reconstruction: the tracker's next sample may still be under way
   /// @throws PairError, MessageError, CalibrationError, PoseError; see dropReason
   PairSurface operator()(const PairMessages& pair, const PoseAt& pose_at);
+
+  /// Calibration and settings alone; the images may be missing. @throws PairError, CalibrationError
+  void check(const PairMessages& pair);
 
  private:
   struct PastFrame {
