@@ -400,7 +400,7 @@ void ShiftTracker::publish(const ShiftResult& result, const cortshift_msgs::Stag
   };
   picture(overlay_before_, overlayBefore(result));
   picture(overlay_after_, overlayAfter(result));
-  picture(magnitude_, magnitudeMap(result));
+  picture(magnitude_, magnitudeMap(result.field));
   field_.publish(field);
 }
 
