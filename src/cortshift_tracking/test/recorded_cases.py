@@ -47,25 +47,28 @@ def rewrite(source, target, change=lambda topic, message, time: [(topic, message
     return target
 
 
-def cut(source, target, share):
-    """The first part of a file, as a copy that broke off."""
+def index_place(bag_path):
+    """Where in the file the index begins, behind the last chunk."""
+    with rosbag.Bag(bag_path) as bag:
+        return bag._index_data_pos
+
+
+def cut(source, target, size):
+    """The first bytes of a file, as a copy that broke off."""
     with open(source, 'rb') as file:
-        data = file.read()
+        data = file.read(size)
     with open(target, 'wb') as file:
-        file.write(data[:int(share * len(data))])
+        file.write(data)
     return target
 
 
 def forget_index(source, target):
     """A bag as its recorder leaves it where it dies: no index at the end, none named in the header."""
-    with rosbag.Bag(source) as bag:
-        index = bag._index_data_pos
-    with open(source, 'rb') as file:
-        data = bytearray(file.read()[:index])
-    place = data.index(b'index_pos=') + len(b'index_pos=')
-    data[place:place + 8] = bytes(8)
-    with open(target, 'wb') as file:
-        file.write(data)
+    cut(source, target, index_place(source))
+    with open(target, 'r+b') as file:
+        place = file.read(200).index(b'index_pos=') + len(b'index_pos=')
+        file.seek(place)
+        file.write(bytes(8))
     return target
 
 
