@@ -148,6 +148,7 @@ class Console(unittest.TestCase):
         wait_until(lambda: 'magnitude' in text('summary'), 20, 'the numbers')
         summary = self.tracker.field('stage_02', 'stage_03').summary
         self.assertIn(f'{1000 * summary.magnitude_mean:.2f} ±', text('summary'))
+        self.assertEqual(text('pair'), 'stage_02 → stage_03')
         for name in ('overlay_before', 'overlay_after', 'magnitude'):
             image = browser.find_element(By.ID, name)
             wait_until(lambda: image.get_property('naturalWidth') > 100, 20, f'picture {name}')
@@ -158,6 +159,7 @@ class Console(unittest.TestCase):
         self.assertIn('refused', browser.find_element(By.ID, 'message').get_attribute('class'))
         click('track', 'tracking the shift from')
         wait_until(lambda: text('live') == 'on', 20, 'live on')
+        wait_until(lambda: text('pair').startswith('stage_01 → live'), LONG, 'a field of the live mode')
         click('track', 'tracking is off')
         folder = os.environ.get('ROS_TEST_RESULTS_DIR') or tempfile.mkdtemp()
         picture = os.path.join(folder, 'console_page.png')

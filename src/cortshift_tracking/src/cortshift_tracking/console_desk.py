@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import rospy
 import yaml
-from cortshift_msgs.msg import ShiftSummary
+from cortshift_msgs.msg import DisplacementField
 from cortshift_msgs.srv import CaptureStage, ComputeShift, ListStages, SetPhantomStage, TrackShift
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
@@ -61,7 +61,7 @@ class Desk:
     """Requests are queued and done in order by one thread; `status` never waits for them.
 
     Calls        /shift_tracker/capture_stage, list_stages, compute_shift, track; /stereo_driver/set_stage (phantom only)
-    Subscribes   /diagnostics
+    Subscribes   /diagnostics, /shift/field
     """
 
     def __init__(self):
@@ -77,6 +77,8 @@ class Desk:
         self._phantom_left = None  # stages of the phantom's case still to come
         self._diagnostics = {}     # status name: (DiagnosticStatus, time of arrival)
         self._requests = queue.Queue()
+        self._shift = ('', ())
+        rospy.Subscriber('/shift/field', DisplacementField, self._keep_shift, queue_size=1, buff_size=1 << 26)
         rospy.Subscriber('/diagnostics', DiagnosticArray, self._keep, queue_size=50)
         for work in (self._serve, self._watch):
             threading.Thread(target=work, daemon=True).start()
@@ -120,6 +122,12 @@ class Desk:
         """Names of the phantom's stages still to come; None without a phantom."""
         with self._lock:
             return None if self._phantom_left is None else list(self._phantom_left)
+
+    @property
+    def shift(self):
+        """Of the newest field, live or asked for: ("from → to", numbers as of summary_lines)."""
+        with self._lock:
+            return self._shift
 
     @property
     def activity(self):
@@ -168,6 +176,11 @@ class Desk:
         with self._lock:
             for status in message.status:
                 self._diagnostics[status.name] = (status, now)
+
+    def _keep_shift(self, field):
+        to_key = field.to_key or time.strftime('live, %H:%M:%S', time.localtime(field.to_stamp.to_sec()))
+        with self._lock:
+            self._shift = (f'{field.from_key} → {to_key}', tuple(summary_lines(field.summary)))
 
     def _watch(self):
         while not rospy.is_shutdown():
@@ -229,7 +242,7 @@ class Desk:
         started = time.monotonic()
         answer = self._accepted(self._call['compute_shift'](stages[-2].key, stages[-1].key))
         self._compute_time = time.monotonic() - started
-        return answer.message, tuple(summary_lines(answer.summary or ShiftSummary()))
+        return answer.message, tuple(summary_lines(answer.summary))
 
     def _track(self, on):
         stages = self._call['list_stages']().stages

@@ -56,7 +56,8 @@ def status_of(desk, pictures):
     activity = desk.activity
     return {
         'activity': {'what': activity.what, 'busy': activity.busy, 'success': activity.success, 'message': activity.message,
-                     'progress': desk.progress(), 'summary': activity.summary},
+                     'progress': desk.progress()},
+        'shift': dict(zip(('stages', 'numbers'), desk.shift)),
         'coverage': desk.coverage(), 'warnings': desk.warnings(), 'live': desk.live,
         'phantom_stages_left': desk.phantom_stages_left,
         'stages': [{'key': s.key, 'note': s.note, 'stamp': s.stamp.to_sec(), 'coverage': s.coverage, 'epoch': s.epoch}

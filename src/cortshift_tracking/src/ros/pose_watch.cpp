@@ -32,6 +32,7 @@ std::optional<Motion> PoseWatch::motionAt(const ros::Time& stamp) const {
       const ros::Time time = stamp + ros::Duration(i * kStep);
       samples.push_back({i * kStep, poses_.lookup("pmr", "left_optical", time, ros::WallDuration(0))});
       known = known || i == 0;
+      ever_ = true;
     } catch (const cortshift_stereo::PoseError&) {  // a gap; what is left decides
     }
   }
@@ -47,6 +48,10 @@ std::optional<Motion> PoseWatch::motionAt(const ros::Time& stamp) const {
 
 void PoseWatch::requireStill(const ros::Time& stamp) const {
   const auto motion = motionAt(stamp);
+  if (!motion && ever_)
+    throw TrackingError(
+        "the tracker did not see the microscope when the pair was exposed; clear its line of sight and "
+        "capture again");
   if (motion && motion->speed > max_speed_)
     throw TrackingError("the microscope moved at " + text("%.1f mm/s", 1000 * motion->speed) +
                         " when the pair was exposed (max_speed is " + text("%.1f mm/s", 1000 * max_speed_) +
@@ -58,6 +63,7 @@ std::optional<double> PoseWatch::age() const {
   for (double age = 0; age <= kHorizon && now.toSec() > age; age += kStep) {
     try {
       poses_.lookup("pmr", "left_optical", now - ros::Duration(age), ros::WallDuration(0));
+      ever_ = true;
       return age;
     } catch (const cortshift_stereo::PoseError&) {  // not yet, or no longer
     }
@@ -65,9 +71,8 @@ std::optional<double> PoseWatch::age() const {
   return std::nullopt;
 }
 
-void PoseWatch::requireSeen() {
+void PoseWatch::requireSeen() const {
   const auto now = age();
-  if (now) ever_ = true;
   if (ever_ && !(now && *now <= kLost))
     throw TrackingError("the tracker has not seen the microscope for " +
                         (now ? text("%.1f s", *now) : text("more than %.0f s", kHorizon)) +

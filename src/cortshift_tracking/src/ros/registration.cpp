@@ -1,9 +1,10 @@
 #include "cortshift_tracking/ros/registration.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
-#include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_stereo/ros/pose_tree.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/summary.hpp"
 
@@ -16,34 +17,44 @@ const ros::Duration kSettling(0.5);  // for every node to hear of a change
 
 bool known(const geometry_msgs::Pose& pose) { return std::isfinite(pose.position.x); }
 
-bool same(const Eigen::Vector3d& t_a, const Eigen::Quaterniond& q_a, const Eigen::Vector3d& t_b,
-          const Eigen::Quaterniond& q_b) {
-  return (t_a - t_b).norm() <= kSameShift && q_a.angularDistance(q_b) <= kSameTurn;
+Eigen::Isometry3d isometryOf(const geometry_msgs::Pose& pose) {
+  const geometry_msgs::Quaternion& q = pose.orientation;
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix();
+  T.translation() = Eigen::Vector3d(pose.position.x, pose.position.y, pose.position.z);
+  return T;
 }
 
-template <typename Vector>
-Eigen::Vector3d vectorOf(const Vector& v) {
-  return {v.x, v.y, v.z};
+geometry_msgs::Pose unknown() {
+  geometry_msgs::Pose pose;
+  pose.position.x = pose.position.y = pose.position.z = kUnknown;
+  pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = kUnknown;
+  return pose;
 }
 
-Eigen::Quaterniond quaternionOf(const geometry_msgs::Quaternion& q) { return {q.w, q.x, q.y, q.z}; }
+std::optional<geometry_msgs::Pose> find(const tf2_msgs::TFMessage& message) {
+  std::optional<geometry_msgs::Pose> found;
+  for (const geometry_msgs::TransformStamped& edge : message.transforms) {
+    if (cortshift_stereo::withoutSlash(edge.header.frame_id) != "pmr" ||
+        cortshift_stereo::withoutSlash(edge.child_frame_id) != "reference")
+      continue;
+    found.emplace();
+    found->position.x = edge.transform.translation.x;
+    found->position.y = edge.transform.translation.y;
+    found->position.z = edge.transform.translation.z;
+    found->orientation = edge.transform.rotation;
+  }
+  return found;
+}
 
 }  // namespace
 
-geometry_msgs::Pose registrationAt(const cortshift_stereo::PoseAt& pose_at, const ros::Time& stamp) {
-  try {
-    return cortshift_stereo::toPose(pose_at("pmr", "reference", stamp));
-  } catch (const cortshift_stereo::PoseError&) {
-    geometry_msgs::Pose unknown;
-    unknown.position.x = unknown.position.y = unknown.position.z = kUnknown;
-    unknown.orientation.x = unknown.orientation.y = unknown.orientation.z = unknown.orientation.w = kUnknown;
-    return unknown;
-  }
-}
+geometry_msgs::Pose registrationOf(const tf2_msgs::TFMessage& fixed) { return find(fixed).value_or(unknown()); }
 
 bool sameRegistration(const geometry_msgs::Pose& a, const geometry_msgs::Pose& b) {
   if (!known(a) || !known(b)) return known(a) == known(b);
-  return same(vectorOf(a.position), quaternionOf(a.orientation), vectorOf(b.position), quaternionOf(b.orientation));
+  const Eigen::Isometry3d change = isometryOf(a).inverse() * isometryOf(b);
+  return change.translation().norm() <= kSameShift && Eigen::AngleAxisd(change.linear()).angle() <= kSameTurn;
 }
 
 std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector<cortshift_msgs::StageInfo>& stages) {
@@ -57,24 +68,25 @@ std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector
 }
 
 void RegistrationWatch::add(const tf2_msgs::TFMessage& message) {
-  for (const geometry_msgs::TransformStamped& edge : message.transforms) {
-    if (cortshift_stereo::withoutSlash(edge.header.frame_id) != "pmr" ||
-        cortshift_stereo::withoutSlash(edge.child_frame_id) != "reference")
-      continue;
-    const std::lock_guard<std::mutex> guard(mutex_);
-    const geometry_msgs::Transform& now = edge.transform;
-    if (registration_ && !same(vectorOf(registration_->translation), quaternionOf(registration_->rotation),
-                               vectorOf(now.translation), quaternionOf(now.rotation))) {
-      changed_ = ros::Time::now();
-      ROS_WARN("the patient registration has changed: stages from now on belong to another epoch");
-    }
-    registration_ = now;
+  const auto heard = find(message);
+  if (!heard) return;
+  const std::lock_guard<std::mutex> guard(mutex_);
+  if (newest_ && !sameRegistration(*newest_, *heard)) {
+    changed_ = ros::Time::now();
+    ROS_WARN("the patient registration has changed: stages from now on belong to another epoch");
   }
+  newest_ = heard;
+}
+
+geometry_msgs::Pose RegistrationWatch::newest() const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return newest_.value_or(unknown());
 }
 
 void RegistrationWatch::requireSettled(const ros::Time& stamp) const {
   const std::lock_guard<std::mutex> guard(mutex_);
-  if (!changed_.isZero() && stamp < changed_ + kSettling)
+  if (changed_.isZero() || changed_ > ros::Time::now()) return;  // a clock that was set back: another play of a bag
+  if (stamp < changed_ + kSettling)
     throw TrackingError("the patient registration changed at " + std::to_string(changed_.toSec()) +
                         ", while or after the pair at " + std::to_string(stamp.toSec()) +
                         " was taken; capture again now that it is settled");

@@ -342,11 +342,7 @@ void ShiftTracker::trackLoop(const std::string& key) {
       if (!surface) continue;
       cortshift_msgs::StageInfo to;  // a surface that is no stage has no key
       to.stamp = surface->header.stamp;
-      const cortshift_stereo::PoseAt pose_at = [this](const std::string& target, const std::string& source,
-                                                      const ros::Time& stamp) {
-        return poses_.lookup(target, source, stamp, ros::WallDuration(0));
-      };
-      if (!sameRegistration(from.registration, registrationAt(pose_at, to.stamp)))
+      if (!sameRegistration(from.registration, registration_.newest()))
         throw TrackingError("the patient registration has changed since this stage; track from one of the new epoch");
       const std::lock_guard<std::mutex> guard(compute_mutex_);
       const ShiftResult result =

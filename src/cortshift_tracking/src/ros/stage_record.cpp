@@ -63,7 +63,7 @@ std::string completeStage(StageRecord& record, const PoseAt& pose_at) {
     record.info.settings.magnification = record.info.settings.focal_length = kUnknown;
   }
   addTransforms(record, pose_at, remarks);
-  record.info.registration = registrationAt(pose_at, record.info.stamp);
+  record.info.registration = registrationOf(record.tf_static);
   return remarks;
 }
 

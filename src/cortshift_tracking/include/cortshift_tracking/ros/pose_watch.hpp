@@ -19,19 +19,19 @@ class PoseWatch {
   /// @throws TrackingError where the pose is known at the stamp but too seldom around it to tell
   std::optional<Motion> motionAt(const ros::Time& stamp) const;
 
-  /// @throws TrackingError if the camera moved faster than max_speed
+  /// @throws TrackingError if the camera moved faster than max_speed, or if its pose, known before, was not known then
   void requireStill(const ros::Time& stamp) const;
 
   /// Age of the newest known pose [s]; nothing where none is known for the last seconds.
   std::optional<double> age() const;
 
   /// @throws TrackingError if there was a pose once and the tracker has now lost the tool for a while
-  void requireSeen();
+  void requireSeen() const;
 
  private:
   cortshift_stereo::PoseLookup& poses_;
   const double max_speed_;
-  std::atomic<bool> ever_{false};
+  mutable std::atomic<bool> ever_{false};  // a pose was known at some time
 };
 
 }  // namespace cortshift_tracking

@@ -10,12 +10,10 @@
 #include <optional>
 #include <vector>
 
-#include "cortshift_stereo/ros/pose_tree.hpp"
-
 namespace cortshift_tracking {
 
-/// The registration at a stamp; all NaN where tf has none.
-geometry_msgs::Pose registrationAt(const cortshift_stereo::PoseAt& pose_at, const ros::Time& stamp);
+/// The registration among a stage's fixed transforms; all NaN where there is none.
+geometry_msgs::Pose registrationOf(const tf2_msgs::TFMessage& fixed);
 
 /// Two unknown registrations are the same: nothing tells them apart.
 bool sameRegistration(const geometry_msgs::Pose& a, const geometry_msgs::Pose& b);
@@ -29,13 +27,16 @@ class RegistrationWatch {
  public:
   void add(const tf2_msgs::TFMessage& message);
 
+  /// The newest one; all NaN where none has been heard of.
+  geometry_msgs::Pose newest() const;
+
   /// @throws TrackingError for a pair that was exposed before the last change or so shortly after it that the
   ///   reconstruction may not have heard of it
   void requireSettled(const ros::Time& stamp) const;
 
  private:
   mutable std::mutex mutex_;
-  std::optional<geometry_msgs::Transform> registration_;
+  std::optional<geometry_msgs::Pose> newest_;
   ros::Time changed_;
 };
 
