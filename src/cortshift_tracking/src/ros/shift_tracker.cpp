@@ -195,8 +195,10 @@ sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitMean(const std::string& key,
     } catch (const TrackingError& error) {
       throw TrackingError(refusal + error.what());
     }
-    // One at a time, so that none overtakes another; the answer comes with the last, or when patience ends.
-    while (!isAnswered() && !inbox_.waitSince(stamp, deadlineAfter(0.05))) {
+    // One at a time, so that none overtakes another. A pair that gives no surface is replaced while patience lasts.
+    const SurfaceInbox::Deadline enough = deadlineAfter(parameters_.capture_timeout / 4);
+    while (!isAnswered() && std::chrono::steady_clock::now() < enough &&
+           !inbox_.waitSince(stamp, deadlineAfter(0.05))) {
     }
   }
   if (!answered.get()) throw TrackingError(refusal + "the call of " + kAverage + " failed");
