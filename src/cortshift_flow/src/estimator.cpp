@@ -104,7 +104,7 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
     }
     polished = polishAt(level, l, hidden.visible, flow.forward,
                         finest ? settings.full_polish_iterations
-                               : static_cast<int>(T(l == 1 ? "LC1" : "LC2", settings.coarse_polish_iterations)),
+                               : settings.coarse_polish_iterations,
                         l == start ? kStiffLinearisations : 0, settings, threads);
     flow.forward = evaluate(polished, flow.forward, threads);
     if (l > 0 && brightness.significant())
