@@ -17,6 +17,7 @@ from cortshift_tracking.errors import CaseError
 from offline_tools import ROOT
 
 COHORT = str(ROOT / 'script/cohort')
+SETTINGS = ('--config', 'settings=' + cases.CONFIG)
 GOOD = [f'p{n:02d}' for n in range(1, 11)]
 SIZE = (240, 180)
 
@@ -41,7 +42,7 @@ def sheet(tmp_path_factory):
 
 
 def run(sheet, output, *arguments):
-    return subprocess.run([COHORT, sheet, output, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    return subprocess.run([COHORT, sheet, output, *SETTINGS, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                           universal_newlines=True, check=False)
 
 
@@ -52,7 +53,7 @@ def results_in(output):
 
 def test_cohort(sheet, tmp_path):
     output = str(tmp_path / 'out')
-    first = subprocess.Popen([COHORT, sheet, output, '--cores', '2'], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    first = subprocess.Popen([COHORT, sheet, output, *SETTINGS, '--cores', '2'], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
                              start_new_session=True)
     while len(results_in(output)) < 5 and first.poll() is None:
         time.sleep(0.05)

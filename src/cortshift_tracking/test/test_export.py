@@ -1,8 +1,6 @@
 """Exports of a displacement field, read back by independent readers."""
 import base64
 import csv
-import os
-import subprocess
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
