@@ -64,7 +64,7 @@ def read_case(folder):
     """Read a case. Raises CaseError where there is no such folder, or it holds no stage."""
     if not os.path.isdir(folder):
         raise CaseError(f'{folder}: no such folder; give the folder of a case')
-    stages, fields, unread, infos = [], [], [], {}
+    stages, fields, unread, infos = [], {}, [], {}
     for path in _paths(folder, '.bag'):
         try:
             with rosbag.Bag(path) as bag:
@@ -72,7 +72,8 @@ def read_case(folder):
                 if '/stage/info' in topics and '/surface/points' in topics:
                     stages.append(_read_stage(bag, path, infos))
                 elif '/shift/field' in topics:
-                    fields += [field_from_message(message) for _, message, _ in bag.read_messages('/shift/field')]
+                    for _, message, _ in bag.read_messages('/shift/field'):  # a recording may hold a pair twice
+                        fields[message.from_key, message.to_key] = field_from_message(message)
         except (rosbag.ROSBagException, CaseError, OSError, ValueError, KeyError) as error:
             unread.append(f'{os.path.basename(path)}: {error}')
     if not stages:
@@ -81,7 +82,7 @@ def read_case(folder):
     stages.sort(key=lambda stage: stage.stamp)
     order = {stage.key: n for n, stage in enumerate(stages)}
     order.setdefault('pmr', -1)
-    fields.sort(key=lambda f: (order.get(f.to_key, 99) - order.get(f.from_key, 99), order.get(f.from_key, 99)))
+    fields = sorted(fields.values(), key=lambda f: (order.get(f.to_key, 99) - order.get(f.from_key, 99), order.get(f.from_key, 99)))
     point_folders = {os.path.dirname(path) for path in _paths(folder, FILE_NAME)}
     points = [point for place in sorted(point_folders) for point in read_points(place)]
     return Case(folder, stages, fields, points, infos, _read_calibrations(folder, unread), unread)

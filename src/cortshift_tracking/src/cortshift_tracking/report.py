@@ -222,8 +222,9 @@ def _pair(case, field):
     from_mr = field.from_key == 'pmr'
     if field.to_key in keys and (from_mr or field.from_key in keys):
         first = figures.mr_vessels(field) if from_mr else figures.project_colour(case.stage(field.from_key), field)
+        about = 'the MR (vessels drawn dark)' if from_mr else 'earlier'
         parts.append(_picture(figures.overlay_figure(first, case.stage(field.to_key), field), f'overlays of {name}',
-                              'Overlay: red earlier, green later, yellow where they agree'))
+                              f'Overlay: red {about}, green later, yellow where they agree'))
     maps = figures.component_figure(field, case.gravity_pmr, case.fields[0].normal_pmr)
     parts.append(_picture(maps, f'maps of {name}', 'Displacement'))
     parts.append(_picture(figures.vector_figure(field), f'vectors of {name}', 'Vectors on the earlier surface'))

@@ -210,7 +210,7 @@ def vector_figure(field, arrows=24, elevation=0.6, azimuth=-0.5):
         tip = corner + 10 * screen[:, n]
         panel.annotate('', tip, corner, arrowprops={'arrowstyle': '->', 'color': '#333333', 'lw': 1.4})
         panel.text(*(corner + 11.5 * screen[:, n]), name, fontsize=9, ha='center', va='center')
-    panel.text(*(corner - [0, 3.0]), 'axes: 10 mm', fontsize=9, ha='left')
+    panel.text(*(corner - [0, 4.5]), 'axes: 10 mm', fontsize=9, ha='left')
     panel.set_xlim(corner[0] - 6, high[0] + 3)
     panel.set_ylim(corner[1] - 6, high[1] + 3)
     panel.set_aspect('equal')
