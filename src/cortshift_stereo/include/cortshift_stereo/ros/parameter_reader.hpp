@@ -47,6 +47,16 @@ class ParameterReader {
       fail(key, value, "allowed is a list of " + text(size) + " numbers");
   }
 
+  /// A list of texts.
+  void texts(const std::string& key, std::vector<std::string>& value) { optional(key, value); }
+
+  /// A list or dictionary that the caller takes apart; it stays invalid where nothing is given.
+  void structure(const std::string& key, XmlRpc::XmlRpcValue& value) {
+    known_.insert(key);
+    if (source_.has(key)) source_.get(key, value);
+    log_ << " " << key << "=" << (value.valid() ? value.toXml() : "none");
+  }
+
   /// A text that must be given.
   void required(const std::string& key, std::string& value) {
     value.clear();
@@ -90,6 +100,11 @@ class ParameterReader {
   static std::string text(const std::vector<double>& values) {
     std::string out = "[";
     for (const double v : values) out += (out.size() > 1 ? ", " : "") + text(v);
+    return out + "]";
+  }
+  static std::string text(const std::vector<std::string>& values) {
+    std::string out = "[";
+    for (const std::string& v : values) out += (out.size() > 1 ? ", " : "") + v;
     return out + "]";
   }
 

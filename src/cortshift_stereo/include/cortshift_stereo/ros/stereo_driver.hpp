@@ -13,6 +13,7 @@
 #include <optional>
 #include <string>
 
+#include "cortshift_stereo/ros/live_parameters.hpp"
 #include "cortshift_stereo/stereo_source.hpp"
 
 namespace cortshift_stereo {
@@ -22,7 +23,7 @@ inline Stamp rosNow() { return Stamp(static_cast<Stamp::rep>(ros::Time::now().to
 
 /// Parameters of stereo_driver, each default once.
 struct StereoDriverParameters {
-  std::string source;         ///< which cameras: phantom; must be given
+  std::string source;         ///< which cameras: phantom, aravis or folder; must be given
   double rate = 4.0;          ///< pairs per second, free running; 0: only when triggered
   std::string phantom_case;   ///< path of the case (source phantom)
   std::string stage;          ///< first stage of the phantom; empty: the case's first
@@ -45,6 +46,8 @@ struct StereoDriverParameters {
   double fault_stamp_offset = 0.0;    ///< of the right image against the left [s]
   bool fault_no_camera_info = false;  ///< camera_info is not published
   bool fault_no_tracker = false;      ///< no pose is published
+
+  LiveParameters live;  ///< sources aravis and folder
 
   /// @throws ParameterError
   static StereoDriverParameters load(const ros::NodeHandle& private_node);
