@@ -8,7 +8,7 @@ namespace cortshift_flow {
 
 struct CoarseSearch {
   int radius = 16;  ///< largest displacement along each axis [px of the level]
-  int window = 3;   ///< half width of the square windows that are compared [px of the level]
+  int window = 2;   ///< half width of the square windows that are compared [px of the level]
 };
 
 /// Best whole-pixel match of a window about every pixel by normalised correlation of the high-passed images, which

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <vector>
 
 #include "plane.hpp"
 #include "spline.hpp"
@@ -33,9 +34,25 @@ struct TensorRow {
   float *xx, *xy, *yy, *xt, *yt, *tt;
 };
 
+/// Where a pixel of the first image is seen in the second.
+struct Landing {
+  const float* corner;  ///< coefficient at the upper left of the 4 x 4 that the point needs; null: not seen
+  float fx, fy;         ///< position within the cell
+};
+
+/// What one thread needs to linearise a row.
+struct RowScratch {
+  std::vector<Landing> landings;
+  std::vector<float> residual, gx, gy;  // four channels
+  void resize(int width) {
+    landings.resize(static_cast<std::size_t>(width));
+    for (auto* row : {&residual, &gx, &gy}) row->resize(4 * static_cast<std::size_t>(width));
+  }
+};
+
 /// Row y about the flow (u, v) of that row. Each channel's square is multiplied by its weight.
 void lineariseRow(const ImagePair& images, int y, const float* u, const float* v, const cv::Vec4f& channel_weights,
-                  const TensorRow& out);
+                  RowScratch& scratch, const TensorRow& out);
 
 void linearise(const ImagePair& images, const Plane& u, const Plane& v, const cv::Vec4f& channel_weights,
                MotionTensor& tensor, int threads);

@@ -1,6 +1,7 @@
 #include "inverse_search.hpp"
 
 #include <algorithm>
+#include <future>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
@@ -33,33 +34,46 @@ cv::Mat1b greyBytes(const cv::Mat4f& image) {
   return grey;
 }
 
-}  // namespace
-
-FlowPlanes inverseSearch(const Level& fine, cv::Size size) {
-  FlowPlanes flow{Plane(size), Plane(size)};
-  if (std::min(fine.first.cols, fine.first.rows) < kSmallestSide) return flow;
+void search(const cv::Mat1b& from, const cv::Mat1b& to, FlowPlanes& flow) {
+  const auto dis = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
+  dis->setVariationalRefinementIterations(0);  // Eq. (5) follows anyway
+  dis->setPatchStride(4);
   cv::Mat2f dense;
-  {
-    const OneThread guard;
-    cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM)
-        ->calc(greyBytes(fine.first), greyBytes(fine.second), dense);
-  }
-  for (int y = 0; y < size.height; ++y)
-    for (int x = 0; x < size.width; ++x) {
+  dis->calc(from, to, dense);
+  for (int y = 0; y < flow.u.height(); ++y)
+    for (int x = 0; x < flow.u.width(); ++x) {
       const cv::Vec2f& w = dense(std::min(2 * y, dense.rows - 1), std::min(2 * x, dense.cols - 1));
       flow.u.row(y)[x] = 0.5f * w[0];
       flow.v.row(y)[x] = 0.5f * w[1];
     }
-  return flow;
 }
 
-void adoptWhereBetter(const Level& level, const FlowPlanes& other, FlowPlanes& flow, int threads) {
+}  // namespace
+
+InverseSearch inverseSearch(const Level& fine, cv::Size size, int threads) {
+  InverseSearch result{{Plane(size), Plane(size)}, {Plane(size), Plane(size)}};
+  if (std::min(fine.first.cols, fine.first.rows) < kSmallestSide) return result;
+  const cv::Mat1b first = greyBytes(fine.first), second = greyBytes(fine.second);
+  const OneThread guard;
+  if (threads > 1) {
+    auto backward = std::async(std::launch::async, [&] { search(second, first, result.backward); });
+    search(first, second, result.forward);
+    backward.get();
+  } else {
+    search(first, second, result.forward);
+    search(second, first, result.backward);
+  }
+  return result;
+}
+
+void adoptWhereBetter(const Level& level, const FlowPlanes& other, const cv::Mat1b& eligible, FlowPlanes& flow,
+                      int threads) {
   const Plane present = windowMismatch(level, flow, kWindow, threads);
   const Plane offered = windowMismatch(level, other, kWindow, threads);
   forRows(present.height(), threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)
       for (int x = 0; x < present.width(); ++x)
-        if (offered.row(y)[x] < kClearlyBetter * present.row(y)[x]) {
+        if (eligible(y, x) && offered.row(y)[x] < kClearlyBetter * present.row(y)[x]) {
           flow.u.row(y)[x] = other.u.row(y)[x];
           flow.v.row(y)[x] = other.v.row(y)[x];
         }

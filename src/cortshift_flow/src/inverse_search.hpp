@@ -6,11 +6,16 @@
 
 namespace cortshift_flow {
 
-/// Flow between the images of `fine` (first to second) on the grid of half its density, in that grid's pixels.
-/// @param size  of that grid
-FlowPlanes inverseSearch(const Level& fine, cv::Size size);
+struct InverseSearch {
+  FlowPlanes forward, backward;
+};
 
-/// Takes `other` in place of `flow` where windows then mismatch clearly less.
-void adoptWhereBetter(const Level& level, const FlowPlanes& other, FlowPlanes& flow, int threads);
+/// Flow between the images of `fine`, both ways, on the grid of half its density, in that grid's pixels.
+/// @param size  of that grid
+InverseSearch inverseSearch(const Level& fine, cv::Size size, int threads);
+
+/// Takes `other` in place of `flow` at eligible pixels (CV_8UC1, not 0) where windows then mismatch less.
+void adoptWhereBetter(const Level& level, const FlowPlanes& other, const cv::Mat1b& eligible, FlowPlanes& flow,
+                      int threads);
 
 }  // namespace cortshift_flow

@@ -1,40 +1,71 @@
 #include "mismatch.hpp"
 
 #include <algorithm>
-#include <opencv2/core/hal/intrin.hpp>
+#include <array>
+#include <cmath>
+#include <cstring>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
 #include "parallel.hpp"
 
 namespace cortshift_flow {
 
+namespace {
+
+typedef float Float8 __attribute__((vector_size(32)));
+typedef float Float4 __attribute__((vector_size(16)));
+
+/// Absolute differences of four channels; `corner` is null where the second image is not seen.
+struct Sample {
+  const float* corner;
+  float fx, fy;
+};
+
+CORTSHIFT_VECTORISED
+void compareRow(const Sample* samples, std::size_t step, const float* first, float* out, int count) {
+  for (int i = 0; i < count; ++i, first += 4) {
+    const Sample& at = samples[i];
+    if (!at.corner) {
+      out[i] = kUnseen;
+      continue;
+    }
+    Float8 top, bottom;
+    std::memcpy(&top, at.corner, sizeof(top));
+    std::memcpy(&bottom, at.corner + step, sizeof(bottom));
+    const Float8 column = top + at.fy * (bottom - top);
+    Float4 side[2], here;
+    std::memcpy(side, &column, sizeof(side));
+    std::memcpy(&here, first, sizeof(here));
+    const Float4 gap = side[0] + at.fx * (side[1] - side[0]) - here;
+    out[i] = std::min(std::abs(gap[0]) + std::abs(gap[1]) + std::abs(gap[2]), kLargestMismatch);
+  }
+}
+
+}  // namespace
+
 void mismatchRow(const Level& level, int x0, int y, const float* u, const float* v, float* out, int count) {
-  using cv::v_float32x4;
   const int width = level.first.cols, height = level.first.rows;
-  const float* first = level.first.ptr<float>(y);
   const float* second = level.second.ptr<float>();
   const std::size_t step = level.second.step1();
   const uchar* first_valid = level.first_valid.empty() ? nullptr : level.first_valid.ptr(y);
-  for (int i = 0; i < count; ++i) {
-    const int x = x0 + i;
-    const float px = static_cast<float>(x) + u[i], py = static_cast<float>(y) + v[i];
-    if (!(px >= 0 && py >= 0 && px < static_cast<float>(width - 1) && py < static_cast<float>(height - 1)) ||
-        (first_valid && !first_valid[x])) {
-      out[i] = kUnseen;
-      continue;
+  const auto last_x = static_cast<float>(width - 1), last_y = static_cast<float>(height - 1);
+  constexpr int kPiece = 64;
+  std::array<Sample, kPiece> samples;
+  for (int from = 0; from < count; from += kPiece) {
+    const int piece = std::min(kPiece, count - from);
+    for (int i = 0; i < piece; ++i) {
+      Sample& at = samples[static_cast<std::size_t>(i)];
+      at.corner = nullptr;
+      const int x = x0 + from + i;
+      const float px = static_cast<float>(x) + u[from + i], py = static_cast<float>(y) + v[from + i];
+      if (!(px >= 0 && py >= 0 && px < last_x && py < last_y) || (first_valid && !first_valid[x])) continue;
+      const int ix = static_cast<int>(px), iy = static_cast<int>(py);
+      if (!level.second_valid.empty() && !level.second_valid(iy, ix)) continue;
+      at = {second + static_cast<std::size_t>(iy) * step + static_cast<std::size_t>(ix) * 4,
+            px - static_cast<float>(ix), py - static_cast<float>(iy)};
     }
-    const int ix = static_cast<int>(px), iy = static_cast<int>(py);
-    if (!level.second_valid.empty() && !level.second_valid(iy, ix)) {
-      out[i] = kUnseen;
-      continue;
-    }
-    const v_float32x4 fx = cv::v_setall_f32(px - static_cast<float>(ix)),
-                      fy = cv::v_setall_f32(py - static_cast<float>(iy));
-    const float* s = second + static_cast<std::size_t>(iy) * step + static_cast<std::size_t>(ix) * 4;
-    const v_float32x4 a = cv::v_load(s), b = cv::v_load(s + 4), c = cv::v_load(s + step), d = cv::v_load(s + step + 4);
-    const v_float32x4 top = a + fx * (b - a), bottom = c + fx * (d - c);
-    const v_float32x4 difference = cv::v_abs(top + fy * (bottom - top) - cv::v_load(first + 4 * x));
-    out[i] = std::min(cv::v_reduce_sum(difference), kLargestMismatch);
+    compareRow(samples.data(), step, level.first.ptr<float>(y) + 4 * (x0 + from), out + from, piece);
   }
 }
 
@@ -50,6 +81,36 @@ Plane windowMismatch(const Level& level, const FlowPlanes& flow, int window, int
   cv::boxFilter(pixel, mean, -1, cv::Size(side, side), cv::Point(-1, -1), true, cv::BORDER_REPLICATE);
   Plane result(height, width);
   for (int y = 0; y < height; ++y) std::copy_n(mean.ptr<float>(y), width, result.row(y));
+  return result;
+}
+
+MismatchScale mismatchScale(const Level& level, const FlowPlanes& flow, int threads) {
+  const Plane mean = windowMismatch(level, flow, kMatchWindow, threads);
+  std::vector<float> values;
+  for (int y = 0; y < mean.height(); y += 2)
+    for (int x = 0; x < mean.width(); x += 2) values.push_back(mean.row(y)[x]);
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  const float usual = *middle;
+  MismatchScale scale;
+  scale.suspect = std::max(std::clamp(4 * usual, 0.02f, 0.12f), 1.5f * usual);
+  scale.unmatched = std::max(std::min(2 * scale.suspect, 0.065f), 1.7f * usual);
+  return scale;
+}
+
+cv::Mat1b matched(const Level& level, const FlowPlanes& flow, float limit, int threads) {
+  const Plane mean = windowMismatch(level, flow, kMatchWindow, threads);
+  cv::Mat1b result(mean.size());
+  const auto last_x = static_cast<float>(mean.width() - 1), last_y = static_cast<float>(mean.height() - 1);
+  forRows(mean.height(), threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y) {
+      const float *u = flow.u.row(y), *v = flow.v.row(y), *mismatch = mean.row(y);
+      for (int x = 0; x < mean.width(); ++x) {
+        const float px = static_cast<float>(x) + u[x], py = static_cast<float>(y) + v[x];
+        result(y, x) = mismatch[x] <= limit && px >= 0 && py >= 0 && px <= last_x && py <= last_y;
+      }
+    }
+  });
   return result;
 }
 

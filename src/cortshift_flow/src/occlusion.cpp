@@ -6,17 +6,18 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
-#include "fill.hpp"
-#include "mismatch.hpp"
 #include "parallel.hpp"
 
 namespace cortshift_flow {
 namespace {
 
-constexpr float kPreferMoving = 0.03f;  // colour difference that outweighs the preference for the moving side, 0...1
-constexpr int kLongestWalk = 96;        // to the nearest visible pixel [px]
-constexpr int kSpan = 12;               // over which the flow's slope is taken [px]
-constexpr int kBeyond = 4;              // steps into the visible side at which its colour and flow are read [px]
+constexpr float kPreferMoving = 0.03f;   // colour difference that outweighs the preference for the moving side, 0...1
+constexpr int kLongestWalk = 96;         // to the nearest visible pixel [px]
+constexpr int kSpan = 24;                // over which the flow's slope is taken [px]
+constexpr std::size_t kDirections = 16;  // of walks
+constexpr int kGrid = 4;                 // [px]
+constexpr int kSpanStep = 4;             // [px]
+constexpr int kBeyond = 4;               // steps into the visible side at which its colour and flow are read [px]
 
 struct Continuation {
   bool found = false;
@@ -50,17 +51,32 @@ Continuation walk(const cv::Mat4f& smooth_image, const cv::Mat1b& visible, const
     c.distance = static_cast<float>(t);
     const cv::Vec4f difference = smooth_image(y, x) - smooth_image(py, px);
     c.colour_difference = std::sqrt(static_cast<float>(difference.dot(difference)));
-    const float u = flow.u.row(py)[px], v = flow.v.row(py)[px];
-    c.u = u;
-    c.v = v;
-    int fx, fy;
-    if (at(static_cast<float>(near + kSpan), fx, fy) && visible(fy, fx)) {
-      const float du = u - flow.u.row(fy)[fx], dv = v - flow.v.row(fy)[fx];
-      if (std::hypot(du, dv) < 0.5f * kSpan) {  // a slope, not another boundary
-        c.u += du * static_cast<float>(near) / kSpan;
-        c.v += dv * static_cast<float>(near) / kSpan;
-      }
+    // A line through the visible flow ahead, so that neither noise nor a wrong edge is carried far.
+    float n = 0, st = 0, stt = 0, su = 0, sv = 0, stu = 0, stv = 0;
+    float last_u = flow.u.row(py)[px], last_v = flow.v.row(py)[px];
+    const float u0 = last_u, v0 = last_v;
+    for (int step = 0; step <= kSpan; step += kSpanStep) {
+      int fx, fy;
+      if (!at(static_cast<float>(near + step), fx, fy) || !visible(fy, fx)) break;
+      const float u = flow.u.row(fy)[fx], v = flow.v.row(fy)[fx];
+      if (std::hypot(u - last_u, v - last_v) > 0.5f * kSpanStep) break;  // another boundary, not a slope
+      last_u = u;
+      last_v = v;
+      const auto s = static_cast<float>(step);
+      n += 1;
+      st += s;
+      stt += s * s;
+      su += u - u0;
+      sv += v - v0;
+      stu += s * (u - u0);
+      stv += s * (v - v0);
     }
+    const float determinant = n * stt - st * st;
+    const float slope_u = determinant > 0 ? (n * stu - st * su) / determinant : 0;
+    const float slope_v = determinant > 0 ? (n * stv - st * sv) / determinant : 0;
+    const auto back = static_cast<float>(near);
+    c.u = u0 + (su - slope_u * st) / n - back * slope_u;
+    c.v = v0 + (sv - slope_v * st) / n - back * slope_v;
     return c;
   }
   return {};
@@ -71,7 +87,7 @@ struct Sides {
 };
 
 /// The best continuation among the faster and among the slower ones.
-bool weighSides(const std::array<Continuation, 16>& all, Sides& sides) {
+bool weighSides(const std::array<Continuation, kDirections>& all, Sides& sides) {
   float fastest = -1, slowest = 1e30f;
   for (const Continuation& c : all)
     if (c.found) {
@@ -87,7 +103,7 @@ bool weighSides(const std::array<Continuation, 16>& all, Sides& sides) {
   for (const Continuation& c : all) {
     if (!c.found) continue;
     Sum& sum = std::hypot(c.u, c.v) >= middle ? moving : resting;
-    const float weight = 1 / (c.distance * c.distance);
+    const float weight = 1 / (c.distance * c.distance * c.distance * c.distance);
     sum.weight += weight;
     sum.u += weight * c.u;
     sum.v += weight * c.v;
@@ -97,6 +113,41 @@ bool weighSides(const std::array<Continuation, 16>& all, Sides& sides) {
   sides = {moving.u / moving.weight, moving.v / moving.weight, resting.u / resting.weight, resting.v / resting.weight,
            std::min(moving.colour, 1.f) - std::min(resting.colour, 1.f)};
   return true;
+}
+
+std::array<cv::Point2f, kDirections> compass() {
+  std::array<cv::Point2f, kDirections> directions;
+  for (std::size_t k = 0; k < kDirections; ++k) {
+    const double angle = 2 * CV_PI * static_cast<double>(k) / static_cast<double>(kDirections);
+    directions[k] = {static_cast<float>(std::cos(angle)), static_cast<float>(std::sin(angle))};
+  }
+  return directions;
+}
+
+/// Interpolates a pixel's flow from those of the grid points about it that chose the same side as the nearest did.
+void interpolateChoice(const cv::Mat3f& chosen, int x, int y, float& u, float& v) {
+  const int i = x / kGrid, j = y / kGrid;
+  const float fx = static_cast<float>(x - kGrid * i) / kGrid, fy = static_cast<float>(y - kGrid * j) / kGrid;
+  std::array<cv::Vec3f, 4> flows;
+  std::array<float, 4> weights{};
+  std::size_t nearest = 0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const int right = static_cast<int>(k % 2), below = static_cast<int>(k / 2);
+    if (i + right >= chosen.cols || j + below >= chosen.rows) continue;
+    flows[k] = chosen(j + below, i + right);
+    if (flows[k][2] > 0) weights[k] = (right ? fx : 1 - fx) * (below ? fy : 1 - fy);
+    if (weights[k] > weights[nearest]) nearest = k;
+  }
+  float sum = 0, sum_u = 0, sum_v = 0;
+  for (std::size_t k = 0; k < 4; ++k)
+    if (weights[k] > 0 && flows[k][2] == flows[nearest][2]) {
+      sum += weights[k];
+      sum_u += weights[k] * flows[k][0];
+      sum_v += weights[k] * flows[k][1];
+    }
+  if (sum <= 0) return;
+  u = sum_u / sum;
+  v = sum_v / sum;
 }
 
 }  // namespace
@@ -125,25 +176,6 @@ cv::Mat1b coveredBy(const FlowPlanes& backward, const cv::Mat1b& trusted) {
   return cv::Mat1b(smooth > 0.35f) / 255;
 }
 
-float typicalMismatch(const Level& level, const FlowPlanes& flow, int window, int threads) {
-  const Plane mean = windowMismatch(level, flow, window, threads);
-  std::vector<float> values;
-  for (int y = 0; y < mean.height(); y += 2)
-    for (int x = 0; x < mean.width(); x += 2) values.push_back(mean.row(y)[x]);
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-cv::Mat1b matched(const Level& level, const FlowPlanes& flow, int window, float mismatch, int threads) {
-  const Plane mean = windowMismatch(level, flow, window, threads);
-  cv::Mat1b result(mean.size());
-  const float limit = std::min(mismatch, 0.9f * kUnseen);
-  for (int y = 0; y < mean.height(); ++y)
-    for (int x = 0; x < mean.width(); ++x) result(y, x) = mean.row(y)[x] <= limit;
-  return result;
-}
-
 cv::Mat1b consistent(const FlowPlanes& flow, const FlowPlanes& opposite, float tolerance, int threads) {
   const int width = flow.u.width(), height = flow.u.height();
   cv::Mat1b result(height, width, uchar{0});
@@ -163,54 +195,49 @@ cv::Mat1b consistent(const FlowPlanes& flow, const FlowPlanes& opposite, float t
 
 void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, FlowPlanes& flow, int threads) {
   const int width = visible.cols, height = visible.rows;
+  if (cv::countNonZero(visible) == width * height) return;
   cv::Mat smooth_image;
   cv::blur(image, smooth_image, cv::Size(7, 7));
   const cv::Mat4f smooth(smooth_image);
-  cv::Mat1f evidence(height, width, 0.f), hidden(height, width, 0.f);
-  cv::Mat4f candidates(height, width, cv::Vec4f::all(0));
-  cv::Mat1f known(height, width, 1.f);
-  forRows(height, threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y)
-      for (int x = 0; x < width; ++x) {
-        if (visible(y, x)) continue;
-        known(y, x) = 0;
-        // Continuations vary slowly: one in four is enough, and its neighbours share it.
-        if ((x | y) & 1) continue;
-        std::array<Continuation, 16> all;
-        for (std::size_t k = 0; k < all.size(); ++k) {
-          const double angle = 2 * CV_PI * static_cast<double>(k) / static_cast<double>(all.size());
-          all[k] = walk(smooth, visible, flow, x, y, static_cast<float>(std::cos(angle)),
-                        static_cast<float>(std::sin(angle)));
-        }
+
+  // Continuations vary slowly: one in sixteen is enough.
+  const cv::Size grid((width - 1) / kGrid + 1, (height - 1) / kGrid + 1);
+  cv::Mat1f evidence(grid, 0.f), hidden(grid, 0.f);
+  cv::Mat4f candidates(grid, cv::Vec4f::all(0));
+  const std::array<cv::Point2f, kDirections> directions = compass();
+  forRows(grid.height, threads, [&](int begin, int end) {
+    for (int j = begin; j < end; ++j)
+      for (int i = 0; i < grid.width; ++i) {
+        if (visible(kGrid * j, kGrid * i)) continue;
+        std::array<Continuation, kDirections> all;
+        for (std::size_t k = 0; k < all.size(); ++k)
+          all[k] = walk(smooth, visible, flow, kGrid * i, kGrid * j, directions[k].x, directions[k].y);
         Sides sides;
         if (!weighSides(all, sides)) continue;
-        candidates(y, x) = cv::Vec4f(sides.moving_u, sides.moving_v, sides.resting_u, sides.resting_v);
-        evidence(y, x) = sides.evidence;
-        hidden(y, x) = 1;
+        candidates(j, i) = cv::Vec4f(sides.moving_u, sides.moving_v, sides.resting_u, sides.resting_v);
+        evidence(j, i) = sides.evidence;
+        hidden(j, i) = 1;
       }
   });
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x)
-      if (((x | y) & 1) && !visible(y, x) && hidden(y & ~1, x & ~1) > 0) {
-        candidates(y, x) = candidates(y & ~1, x & ~1);
-        evidence(y, x) = evidence(y & ~1, x & ~1);
-        hidden(y, x) = 1;
-      }
-  // Neighbours decide together: the evidence of a single pixel is weak.
-  const cv::Size vote(15, 15);
+
+  // Neighbours decide together: the evidence of a single point is weak.
+  const cv::Size vote(5, 5);
   cv::Mat1f evidence_sum, hidden_sum;
   cv::boxFilter(evidence, evidence_sum, -1, vote, cv::Point(-1, -1), false, cv::BORDER_CONSTANT);
   cv::boxFilter(hidden, hidden_sum, -1, vote, cv::Point(-1, -1), false, cv::BORDER_CONSTANT);
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) {
-      if (hidden(y, x) == 0) continue;
-      const bool moving = evidence_sum(y, x) <= kPreferMoving * hidden_sum(y, x);
-      const cv::Vec4f& c = candidates(y, x);
-      flow.u.row(y)[x] = moving ? c[0] : c[2];
-      flow.v.row(y)[x] = moving ? c[1] : c[3];
-      known(y, x) = 1;
+  cv::Mat3f chosen(grid, cv::Vec3f::all(0));  // flow, and 1 for the moving side, 2 for the resting one
+  for (int j = 0; j < grid.height; ++j)
+    for (int i = 0; i < grid.width; ++i) {
+      if (hidden(j, i) == 0) continue;
+      const cv::Vec4f& c = candidates(j, i);
+      chosen(j, i) =
+          evidence_sum(j, i) <= kPreferMoving * hidden_sum(j, i) ? cv::Vec3f(c[0], c[1], 1) : cv::Vec3f(c[2], c[3], 2);
     }
-  if (cv::countNonZero(known) < width * height) fillUnknown(flow, known);
+  forRows(height, threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y)
+      for (int x = 0; x < width; ++x)
+        if (!visible(y, x)) interpolateChoice(chosen, x, y, flow.u.row(y)[x], flow.v.row(y)[x]);
+  });
 }
 
 }  // namespace cortshift_flow

@@ -10,16 +10,9 @@ namespace cortshift_flow {
 /// @param trusted  0 where the backward flow does not count, or empty
 cv::Mat1b coveredBy(const FlowPlanes& backward, const cv::Mat1b& trusted = {});
 
-/// 1 where a window about the pixel looks the same at both ends of its flow.
-/// @param mismatch  largest mean mismatch [intensity, 0...1, summed over the channels]
-cv::Mat1b matched(const Level& level, const FlowPlanes& flow, int window, float mismatch, int threads);
-
 /// 1 where following `flow` and then `opposite` leads back to within `tolerance` [px]: two estimates that know nothing
 /// of each other agree, so a window that still mismatches is inaccurate or has changed its brightness, not hidden.
 cv::Mat1b consistent(const FlowPlanes& flow, const FlowPlanes& opposite, float tolerance, int threads);
-
-/// Median over the image of the mean mismatch of windows.
-float typicalMismatch(const Level& level, const FlowPlanes& flow, int window, int threads);
 
 /// Replaces the flow where `visible` is 0 by a linear continuation of the visible flow on one side. At a boundary
 /// between two motions the covered strip belongs to one of them; motion alone cannot say to which, so the side whose

@@ -355,13 +355,14 @@ void assembleData(const ImagePair& images, const cv::Vec4f& channel_weights, con
   forRows(height, threads, [&](int begin, int end) {
     const auto size = static_cast<std::size_t>(width + 16);
     std::vector<float> scratch(static_cast<std::size_t>(columns)), u(size), v(size);
+    RowScratch landing;
     std::array<std::vector<float>, 6> tensor;
     for (auto& row : tensor) row.resize(size);
     const TensorRow t{tensor[0].data(), tensor[1].data(), tensor[2].data(),
                       tensor[3].data(), tensor[4].data(), tensor[5].data()};
     for (int y = begin; y < end; ++y) {
       evaluateRow(flow, y, scratch.data(), u.data(), v.data(), width);
-      lineariseRow(images, y, u.data(), v.data(), channel_weights, t);
+      lineariseRow(images, y, u.data(), v.data(), channel_weights, landing, t);
       const uchar* seen = visible.empty() ? nullptr : visible.ptr(y);
       const uchar* regular = flow.regular.ptr(y / SplineGrid::kSpacing);
       for (int x = 0; x < width; ++x) {

@@ -130,4 +130,10 @@ cv::Mat1b interpolable(const cv::Mat1b& valid) {
   return result;
 }
 
+Level interpolableLevel(const Level& level) {
+  return {level.first, level.second, level.first_valid, interpolable(level.second_valid)};
+}
+
+Level swapped(const Level& level) { return {level.second, level.first, level.second_valid, level.first_valid}; }
+
 }  // namespace cortshift_flow

@@ -22,4 +22,10 @@ Level halve(const Level& level, int threads);
 /// Points whose 4 x 4 interpolation neighbourhood touches no excluded pixel; by the pixel at their upper left.
 cv::Mat1b interpolable(const cv::Mat1b& valid);
 
+/// The level with its second mask reduced to interpolable points.
+Level interpolableLevel(const Level& level);
+
+/// The level with its images in the other order.
+Level swapped(const Level& level);
+
 }  // namespace cortshift_flow

@@ -1,6 +1,7 @@
 #include "spline_grid.hpp"
 
 #include <algorithm>
+#include <vector>
 
 #include "parallel.hpp"
 #include "spline.hpp"
@@ -29,6 +30,27 @@ CORTSHIFT_VECTORISED
 void addWeighted(const float* in, float weight, float* out, int count) {
 #pragma GCC ivdep
   for (int i = 0; i < count; ++i) out[i] += weight * in[i];
+}
+
+/// phase[p * stride + j] = pixels[kSpacing * j + p]
+CORTSHIFT_VECTORISED
+void splitPhases(const float* pixels, float* __restrict__ phase, int stride, int cells) {
+#pragma GCC ivdep
+  for (int j = 0; j < cells; ++j)
+    for (int p = 0; p < kSpacing; ++p) phase[p * stride + j] = pixels[kSpacing * j + p];
+}
+
+/// Node i is reached by the pixels of cells i - 3...i.
+CORTSHIFT_VECTORISED
+void gatherNodes(const float* phase, int stride, const SplineGrid::Weights& weights, float* __restrict__ nodes,
+                 int count) {
+  for (int i = 0; i < count; ++i) nodes[i] = 0;
+  for (int p = 0; p < kSpacing; ++p) {
+    const float *w = weights[static_cast<std::size_t>(p)].data(), *value = phase + p * stride;
+#pragma GCC ivdep
+    for (int i = 0; i < count; ++i)
+      nodes[i] += (w[0] * value[i] + w[1] * value[i - 1]) + (w[2] * value[i - 2] + w[3] * value[i - 3]);
+  }
 }
 
 }  // namespace
@@ -60,24 +82,14 @@ void evaluateSplineRow(const Plane& nodes, int y, float* scratch, float* out, in
 
 void reduceRow(const float* pixels, int width, float* nodes, int node_columns) {
   const SplineGrid::Weights& weights = SplineGrid::weights();
-  std::fill(nodes, nodes + node_columns, 0.f);
   const int cells = (width + kSpacing - 1) / kSpacing;
-  for (int j = 0; j < cells; ++j) {
-    const int count = std::min(kSpacing, width - kSpacing * j);
-    float a = 0, b = 0, c = 0, d = 0;
-    for (int p = 0; p < count; ++p) {
-      const float value = pixels[kSpacing * j + p];
-      const auto& w = weights[static_cast<std::size_t>(p)];
-      a += w[0] * value;
-      b += w[1] * value;
-      c += w[2] * value;
-      d += w[3] * value;
-    }
-    nodes[j] += a;
-    nodes[j + 1] += b;
-    nodes[j + 2] += c;
-    nodes[j + 3] += d;
-  }
+  constexpr int kMargin = 3;  // cells without pixels to the left and right
+  const int stride = node_columns + 2 * kMargin;
+  std::vector<float> phases(static_cast<std::size_t>(kSpacing * stride), 0.f);
+  float* phase = phases.data() + kMargin;
+  splitPhases(pixels, phase, stride, width / kSpacing);
+  for (int x = width / kSpacing * kSpacing; x < width; ++x) phase[x % kSpacing * stride + cells - 1] = pixels[x];
+  gatherNodes(phase, stride, weights, nodes, node_columns);
 }
 
 void reduceColumn(const Plane& reduced, int j, float* out) {

@@ -170,7 +170,7 @@ def case(machines, folder, cleanup):
     during = surgeon.answer()
     refused = surgeon.ask('capture_stage without')
     assert refused.startswith('no'), refused
-    assert any(word in refused for word in ('driver', 'surface')), refused
+    assert any(word in refused for word in ('driver', 'surface', 'tracker')), refused
     kept = surgeon.ask('list').split()
     assert kept == ['before'] + ['during'] * during.startswith('yes'), kept
     time.sleep(max(0.0, CUT - (time.monotonic() - out)))

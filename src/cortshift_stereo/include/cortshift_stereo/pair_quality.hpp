@@ -32,7 +32,7 @@ struct PairLimits {
 /// What one image looks like.
 struct ImageQuality {
   double contrast;         ///< [grey levels] standard deviation of the luminance
-  double saturated_share;  ///< [0...1]
+  double saturated_share;  ///< [0...1] of the pixels have two channels at the upper end
   double sharpness;        ///< amplitude of detail of 2-4 px relative to detail of 8-16 px in the middle of the image:
                            ///< 0.5 ... 1 in focus, below 0.17 when blurred by 4 px
 };

@@ -17,6 +17,7 @@ StereoDriverParameters StereoDriverParameters::load(const ros::NodeHandle& priva
   reader.number("tracker_latency", p.tracker_latency, 0.0, 1.0);
   reader.number("tracker_jitter", p.tracker_jitter, 0.0, 0.1);
   reader.number("tracker_jitter_angle", p.tracker_jitter_angle, 0.0, 0.5);
+  reader.number("probe_jitter", p.probe_jitter, 0.0, 0.01);
   reader.number("tracker_dropouts", p.tracker_dropouts, 0.0, 100.0);
   reader.number("tracker_dropout_length", p.tracker_dropout_length, 0.0, 60.0);
   reader.number("tracker_seed", p.tracker_seed, 0, 1000000000);

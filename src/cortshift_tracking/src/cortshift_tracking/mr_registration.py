@@ -36,9 +36,13 @@ class MrRegistrationSettings:
     blur: float = 0.0002                 # standard deviation, of the features
     alpha: float = 0.2                   # smoothness of the flow: features are sparse, the brain's motion is smooth
     window: float = 0.0015               # standard deviation of the window in which features are compared
-    min_correlation: float = 0.25        # of the features there, after registration
+    min_correlation: float = 0.4         # of the features there, after registration
     max_inconsistency: float = 0.0008    # between forward and backward flow
     border: float = 0.002                # eroded from the border of the overlap
+    # Beyond the rim the MR's cortex is still covered, and what is seen is bone: there the displacement jumps outwards.
+    slope_scale: float = 0.0012          # standard deviation of the smoothing before the slope is taken
+    max_slope: float = 0.6               # of the displacement along the normal; brain does not bend more
+    neck: float = 0.003                  # parts that hang together by less are apart, and only the largest is the brain
 
 
 def register_to_mr(stage, volume, brain_mask=None, settings=MrRegistrationSettings(), cortex_settings=CortexSettings()):
@@ -165,6 +169,22 @@ def _confidence(first, second, forward, backward, first_mask, second_mask, setti
     return np.where(allowed, np.clip(correlation, 0, 1), 0)
 
 
+def _exposed_brain(trusted, rise, settings):
+    """The part of what is trusted (bool) that can be brain inside the craniotomy. rise: displacement along the normal [m]."""
+    step = settings.resolution
+    sigma = settings.slope_scale / step
+    weight = cv2.GaussianBlur(trusted.astype(np.float32), (0, 0), sigma)
+    smooth = cv2.GaussianBlur(np.where(trusted, rise, 0).astype(np.float32), (0, 0), sigma) / np.maximum(weight, 1e-6)
+    possible = trusted & (np.hypot(*np.gradient(smooth, step)) <= settings.max_slope)
+    radius = int(round(settings.neck / 2 / step))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    cores, count = ndimage.label(cv2.erode(possible.astype(np.uint8), disc, borderValue=0))
+    if count == 0:
+        return np.zeros_like(trusted)
+    largest = (cores == np.bincount(cores[cores > 0]).argmax()).astype(np.uint8)
+    return possible & (cv2.dilate(largest, disc) > 0)
+
+
 def _field(stage, frame, low, from_mr, from_stage, flow, confidence, settings):
     """The inversion of section 2.5: start on the MR's cortex, end on the stage's surface."""
     step = settings.resolution
@@ -175,6 +195,7 @@ def _field(stage, frame, low, from_mr, from_stage, flow, confidence, settings):
     end = np.stack([low[0] + x * step, low[1] + y * step,
                     cv2.remap(_filled(from_stage[..., 1]), x, y, cv2.INTER_LINEAR)], -1)
     hidden = (confidence == 0) | ~np.isfinite(start).all(-1)
+    hidden = ~_exposed_brain(~hidden, end[..., 2] - start[..., 2], settings)
     start_pmr, displacement = frame.to_pmr(start), frame.to_pmr(end) - frame.to_pmr(start)
     start_pmr[hidden] = displacement[hidden] = np.nan
     if hidden.all():

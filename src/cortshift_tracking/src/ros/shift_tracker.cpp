@@ -1,9 +1,11 @@
 #include "cortshift_tracking/ros/shift_tracker.hpp"
 
+#include <cortshift_msgs/AveragePairs.h>
 #include <cortshift_msgs/TriggerCapture.h>
 #include <cv_bridge/cv_bridge.h>
 #include <sensor_msgs/Image.h>
 
+#include <boost/make_shared.hpp>
 #include <chrono>
 #include <cstdlib>
 #include <future>
@@ -21,6 +23,7 @@ namespace cortshift_tracking {
 namespace {
 
 const char* const kTrigger = "/stereo_driver/trigger";
+const char* const kAverage = "/surface_reconstruction/average_pairs";
 const char* const kReconstructionStatus = "surface_reconstruction: surface";
 const ros::WallDuration kPoseWait(0.5);  // for tracker samples that are still under way
 
@@ -41,6 +44,11 @@ std::string caseFolder(const ShiftTrackerParameters& parameters) {
   if (ros_home == nullptr && home == nullptr)
     throw TrackingError("case_folder is empty and HOME not set; set case_folder");
   return (ros_home != nullptr ? std::string(ros_home) : std::string(home) + "/.ros") + "/cortshift/case-" + run;
+}
+
+SurfaceInbox::Deadline deadlineAfter(double seconds) {
+  return std::chrono::steady_clock::now() +
+         std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(seconds));
 }
 
 /// Fires the driver. A driver that hangs, or one behind a cable that is out, is left behind when the deadline passes.
@@ -104,12 +112,14 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
   magnitude_ = data_node_.advertise<sensor_msgs::Image>("/shift/magnitude", 1, true);
   diagnostics_ = data_node_.advertise<diagnostic_msgs::DiagnosticArray>("/diagnostics", 10);
   trigger_ = service_node_.serviceClient<cortshift_msgs::TriggerCapture>(kTrigger);
+  average_ = service_node_.serviceClient<cortshift_msgs::AveragePairs>(kAverage);
   timer_ = data_node_.createWallTimer(ros::WallDuration(1.0), &ShiftTracker::onTimer, this);
 
   // Services last: a request finds everything in place. Data flow on threads of their own while a request waits.
   data_spinner_ = std::make_unique<ros::AsyncSpinner>(2, &data_queue_);
   data_spinner_->start();
   capture_ = service_node_.advertiseService("capture_stage", &ShiftTracker::onCapture, this);
+  capture_mean_ = service_node_.advertiseService("capture_mean_stage", &ShiftTracker::onCaptureMean, this);
   list_ = service_node_.advertiseService("list_stages", &ShiftTracker::onList, this);
   delete_ = service_node_.advertiseService("delete_stage", &ShiftTracker::onDelete, this);
   compute_ = service_node_.advertiseService("compute_shift", &ShiftTracker::onCompute, this);
@@ -130,41 +140,80 @@ ShiftTracker::~ShiftTracker() {
 
 bool ShiftTracker::onCapture(cortshift_msgs::CaptureStage::Request& request,
                              cortshift_msgs::CaptureStage::Response& response) {
+  capture(request.key, request.note, 1, response);
+  return true;
+}
+
+bool ShiftTracker::onCaptureMean(cortshift_msgs::CaptureMeanStage::Request& request,
+                                 cortshift_msgs::CaptureMeanStage::Response& response) {
+  capture(request.key, request.note, request.pairs, response);
+  return true;
+}
+
+template <typename Response>
+void ShiftTracker::capture(const std::string& key, const std::string& note, unsigned int pairs, Response& response) {
   try {
-    store_.requireFree(request.key);  // before anything is fired
+    store_.requireFree(key);  // before anything is fired
     const std::lock_guard<std::mutex> guard(capture_mutex_);
-    const sensor_msgs::PointCloud2ConstPtr surface = awaitSurface(request.key);
-    requireTrustworthyPose(request.key, surface->header.stamp);
+    std::string remarks;
     StageRecord record;
-    record.info.key = request.key;
-    record.info.note = request.note;
-    record.info.stamp = surface->header.stamp;
-    record.surface = surface;
+    record.surface = pairs == 1 ? awaitSurface(key) : awaitMean(key, pairs, remarks);
+    record.info.key = key;
+    record.info.note = note;
+    record.info.stamp = record.surface->header.stamp;
+    requireTrustworthyPose(key, record.info.stamp);
     pairs_->fill(record);
-    const std::string remarks =
+    remarks +=
         completeStage(record, [this](const std::string& target, const std::string& source, const ros::Time& stamp) {
           return poses_.lookup(target, source, stamp, kPoseWait);
         });
     response.stage = store_.add(record);
     response.success = true;
-    response.message = "stage '" + request.key + "' is stored (" + std::to_string(record.info.valid_points) +
-                       " points, " + std::to_string(static_cast<int>(100 * record.info.coverage)) + " % of the image)" +
-                       remarks;
+    response.message = "stage '" + key + "' is stored (" + std::to_string(record.info.valid_points) + " points, " +
+                       std::to_string(static_cast<int>(100 * record.info.coverage)) + " % of the image)" + remarks;
     ROS_INFO_STREAM(response.message);
   } catch (const std::exception& error) {  // whatever a request does, the node goes on
     response.success = false;
     response.message = error.what();
-    ROS_WARN_STREAM("capture_stage refused: " << error.what());
+    ROS_WARN_STREAM("capture refused: " << error.what());
     const std::lock_guard<std::mutex> guard(status_mutex_);
     status_->last_refusal = error.what();
   }
-  return true;
+}
+
+sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitMean(const std::string& key, unsigned int pairs,
+                                                         std::string& remarks) {
+  const std::string refusal = "stage '" + key + "' was not captured: ";
+  if (!average_.exists())
+    throw TrackingError(refusal + "nobody offers " + kAverage + "; check that surface_reconstruction runs");
+  // The reconstruction gathers while pairs are fired here, or come from a bag or a camera that runs free.
+  const auto call = std::make_shared<cortshift_msgs::AveragePairs>();
+  call->request.pairs = pairs;
+  call->request.since = ros::Time::now();
+  call->request.patience = ros::Duration(parameters_.capture_timeout);
+  ros::ServiceClient average = average_;
+  std::future<bool> answered =
+      std::async(std::launch::async, [call, average]() mutable { return average.call(*call); });
+  const auto isAnswered = [&] { return answered.wait_for(std::chrono::milliseconds(20)) == std::future_status::ready; };
+  while (trigger_.exists() && !isAnswered()) {
+    ros::Time stamp;
+    try {
+      stamp = fireTrigger(trigger_, deadlineAfter(parameters_.capture_timeout));
+    } catch (const TrackingError& error) {
+      throw TrackingError(refusal + error.what());
+    }
+    // One at a time, so that none overtakes another; the answer comes with the last, or when patience ends.
+    while (!isAnswered() && !inbox_.waitSince(stamp, deadlineAfter(0.05))) {
+    }
+  }
+  if (!answered.get()) throw TrackingError(refusal + "the call of " + kAverage + " failed");
+  if (!call->response.success) throw TrackingError(refusal + call->response.message);
+  remarks = "; " + call->response.message;
+  return boost::make_shared<sensor_msgs::PointCloud2>(std::move(call->response.surface));
 }
 
 sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitSurface(const std::string& key) {
-  const auto deadline =
-      std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-                                             std::chrono::duration<double>(parameters_.capture_timeout));
+  const SurfaceInbox::Deadline deadline = deadlineAfter(parameters_.capture_timeout);
   std::optional<ros::Time> stamp;
   try {
     pose_watch_.requireSeen();
@@ -379,7 +428,7 @@ void ShiftTracker::publish(const ShiftResult& result, const cortshift_msgs::Stag
   };
   picture(overlay_before_, overlayBefore(result));
   picture(overlay_after_, overlayAfter(result));
-  picture(magnitude_, magnitudeMap(result));
+  picture(magnitude_, magnitudeMap(result.field));
   field_.publish(field);
 }
 

@@ -28,7 +28,7 @@ struct StereoDriverParameters {
   std::string phantom_case;   ///< path of the case (source phantom)
   std::string stage;          ///< first stage of the phantom; empty: the case's first
   double move_time = 1.0;     ///< of the phantom's microscope between two stages [s]
-  double probe_dwell = 3.0;   ///< time that the phantom's probe rests on each target [s]
+  double probe_dwell = 2.0;   ///< time that the phantom's probe rests on each target [s]
   double probe_travel = 1.0;  ///< and its way to the next [s]
 
   // Simulated tracker of the phantom.
@@ -36,6 +36,7 @@ struct StereoDriverParameters {
   double tracker_latency = 0.0;         ///< from sample to report [s]
   double tracker_jitter = 0.0;          ///< standard deviation of each coordinate [m]
   double tracker_jitter_angle = 0.0;    ///< standard deviation about each axis [rad]
+  double probe_jitter = 0.0;            ///< of the probe's tip, besides [m]
   double tracker_dropouts = 0.0;        ///< mean number of dropouts per second
   double tracker_dropout_length = 0.2;  ///< [s]
   int tracker_seed = 1;

@@ -1,6 +1,7 @@
 // The keyed history of a case and the displacement between its stages, as services.
 #pragma once
 
+#include <cortshift_msgs/CaptureMeanStage.h>
 #include <cortshift_msgs/CaptureStage.h>
 #include <cortshift_msgs/ComputeShift.h>
 #include <cortshift_msgs/DeleteStage.h>
@@ -44,8 +45,9 @@ namespace cortshift_tracking {
 ///   /shift/markers [visualization_msgs/MarkerArray]
 ///   /shift/overlay_before, /shift/overlay_after, /shift/magnitude [sensor_msgs/Image] bgr8
 ///   /diagnostics
-/// Services: ~capture_stage, ~list_stages, ~delete_stage, ~compute_shift, ~compute_shift_across_epochs, ~set_gravity,
-/// ~exclude_regions, ~track Calls: /stereo_driver/trigger, where there is one
+/// Services: ~capture_stage, ~capture_mean_stage, ~list_stages, ~delete_stage, ~compute_shift,
+/// ~compute_shift_across_epochs, ~set_gravity, ~exclude_regions, ~track
+/// Calls: /stereo_driver/trigger, where there is one; /surface_reconstruction/average_pairs for means
 class ShiftTracker {
  public:
   /// @throws TrackingError if the case folder cannot be used
@@ -56,6 +58,8 @@ class ShiftTracker {
   struct Status;  // what diagnostics tell
 
   bool onCapture(cortshift_msgs::CaptureStage::Request& request, cortshift_msgs::CaptureStage::Response& response);
+  bool onCaptureMean(cortshift_msgs::CaptureMeanStage::Request& request,
+                     cortshift_msgs::CaptureMeanStage::Response& response);
   bool onList(cortshift_msgs::ListStages::Request& request, cortshift_msgs::ListStages::Response& response);
   bool onDelete(cortshift_msgs::DeleteStage::Request& request, cortshift_msgs::DeleteStage::Response& response);
   bool onCompute(cortshift_msgs::ComputeShift::Request& request, cortshift_msgs::ComputeShift::Response& response);
@@ -70,7 +74,11 @@ class ShiftTracker {
   void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message);
   void onTimer(const ros::WallTimerEvent& event);
 
+  /// Stores the surface of one pair, or the mean of several, and says so in the response.
+  template <typename Response>
+  void capture(const std::string& key, const std::string& note, unsigned int pairs, Response& response);
   sensor_msgs::PointCloud2ConstPtr awaitSurface(const std::string& key);
+  sensor_msgs::PointCloud2ConstPtr awaitMean(const std::string& key, unsigned int pairs, std::string& remarks);
   void requireTrustworthyPose(const std::string& key, const ros::Time& stamp) const;
   std::string whyNoSurface() const;
   Directions directions();
@@ -103,8 +111,9 @@ class ShiftTracker {
   std::unique_ptr<PairHistory> pairs_;
   ros::Subscriber surfaces_, diagnostics_in_, fixed_;
   ros::Publisher field_, points_, markers_, overlay_before_, overlay_after_, magnitude_, diagnostics_;
-  ros::ServiceServer capture_, list_, delete_, compute_, compute_across_epochs_, set_gravity_, exclude_, track_;
-  ros::ServiceClient trigger_;
+  ros::ServiceServer capture_, capture_mean_, list_, delete_, compute_, compute_across_epochs_, set_gravity_, exclude_,
+      track_;
+  ros::ServiceClient trigger_, average_;
   ros::WallTimer timer_;
   std::unique_ptr<ros::AsyncSpinner> data_spinner_, service_spinner_;
 };
