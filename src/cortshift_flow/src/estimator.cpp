@@ -71,7 +71,8 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   Hidden hidden;
   PolishedFlow polished;
   MismatchScale scale;
-  for (int l = start; l >= 0; --l) {
+  const int finest_level = std::min(settings.finest_level, start);
+  for (int l = start; l >= finest_level; --l) {
     level = levels[static_cast<std::size_t>(l)];
     if (brightness.significant()) level.first = brightness.apply(level.first, threads);
     level = interpolableLevel(level);
@@ -114,7 +115,13 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   exchangeFlow(level, {6, 12}, 1, scale.suspect, settled, flow.forward, threads);
 
   Estimate estimate;
-  estimate.confidence = predictConfidence(level, flow.forward, hidden.visible, polished, scale.suspect, threads);
+  const cv::Mat1f error =
+      predictError(level, flow.forward, hidden.visible, polished,
+                   static_cast<float>(settings.curvature * (1 << finest_level)), scale.suspect, threads);
+  estimate.confidence = confidenceFromError(error, finest_level, images.first.size(), threads);
+  if (!images.first_valid.empty()) estimate.confidence.setTo(0, images.first_valid == 0);
+  for (int l = finest_level - 1; l >= 0; --l)
+    flow.forward = doubled(flow.forward, levels[static_cast<std::size_t>(l)].first.size(), threads);
   estimate.flow = std::move(flow.forward);
   return estimate;
 }

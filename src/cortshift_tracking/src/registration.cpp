@@ -4,6 +4,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "cortshift_tracking/agreement.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "flow_targets.hpp"
 #include "range.hpp"
@@ -13,8 +14,9 @@ namespace {
 
 using cortshift_flow::FlowResult;
 
-constexpr double kSettled = 0.00045;         // predicted error up to which a vector is sure enough to guide others [m]
-constexpr double kWorthARound = 0.03;        // part of the overlap that must be unsettled for another first look
+constexpr double kSettled = 0.5;             // probability from which a vector may guide others
+constexpr double kWorthARound = 0.02;        // part of the overlap that must be unsettled for another first look
+constexpr double kLeastGain = 0.0005;        // part of the overlap that a look must settle for another to follow
 constexpr double kRestSearch = 0.0015;       // what may be left of the motion after a look [m]
 constexpr double kSmoothing = 4;             // standard deviation, of a continued flow [px]
 constexpr double kQuickResolution = 0.0004;  // of the looks that choose the channels [m]
@@ -27,9 +29,18 @@ struct Pair {
   double resolution = 0;  // [m]
 };
 
-cv::Mat settledMask(const FlowResult& result, double resolution) {
-  const double ratio = kSettled / resolution / cortshift_flow::predictedError(0.5);
-  return result.confidence >= 1 / (1 + ratio * ratio);
+/// CV_8UC1 255: vectors that are probably right.
+cv::Mat settledMask(const Pair& pair, const FlowResult& result) {
+  const Agreement agreement =
+      agreementOf(pair.first, pair.second, pair.first_usable, pair.second_usable, result.flow, pair.resolution);
+  return probabilityOfMatch(result.confidence, agreement, pair.resolution) >= kSettled;
+}
+
+/// Settled vectors, continued smoothly over all others.
+cv::Mat continued(const cv::Mat& flow, const cv::Mat& settled) {
+  cv::Mat smooth;
+  cv::GaussianBlur(fillHoles(flow, settled), smooth, cv::Size(), kSmoothing, kSmoothing, cv::BORDER_REPLICATE);
+  return smooth;
 }
 
 /// Averages blocks of `step` x `step` pixels; a block counts where most of it does.
@@ -96,11 +107,11 @@ FlowResult look(const Pair& pair, const cv::Mat& guess, bool search, const Regis
   return result;
 }
 
-/// Part of what both images show, by `usable`, that has settled.
-double settledPart(const FlowResult& result, const Pair& pair) {
+/// Part of what both images show that has settled.
+double partOf(const cv::Mat& settled, const Pair& pair) {
   const cv::Mat overlap = pair.first_usable & pair.second_usable;
   const int all = cv::countNonZero(overlap);
-  return all == 0 ? 0.0 : static_cast<double>(cv::countNonZero(settledMask(result, pair.resolution) & overlap)) / all;
+  return all == 0 ? 0.0 : static_cast<double>(cv::countNonZero(settled & overlap)) / all;
 }
 
 }  // namespace
@@ -111,16 +122,11 @@ void RegistrationSettings::validate() const {
   requireRange("detail", detail, 0.5, 100.0);
   requireRange("bend", bend, 0.01, 1000.0);
   requireRange("coarse_resolution", coarse_resolution, 0.00005, 0.002);
-  requireRange("coarse_rounds", coarse_rounds, 0, 5);
+  requireRange("coarse_rounds", coarse_rounds, 0, 10);
   flow.validate();
 }
 
-cv::Mat predictionOf(const FlowResult& result, double resolution) {
-  cv::Mat smooth;
-  cv::GaussianBlur(fillHoles(result.flow, settledMask(result, resolution)), smooth, cv::Size(), kSmoothing, kSmoothing,
-                   cv::BORDER_REPLICATE);
-  return smooth;
-}
+cv::Mat predictionOf(const cv::Mat& flow, const cv::Mat& confidence) { return continued(flow, confidence >= kSettled); }
 
 std::string chooseChannels(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
                            const cv::Mat& later_usable, const RegistrationSettings& settings) {
@@ -130,7 +136,7 @@ std::string chooseChannels(const Projection& earlier, const Projection& later, c
   double most = -kBetter;
   for (const char* channels : {"rgb", "green", "blue", "luminance"}) {
     const Pair pair = pairOf(earlier, later, earlier_usable, later_usable, step, channels, settings.detail);
-    const double part = settledPart(look(pair, {}, true, settings), pair);
+    const double part = partOf(settledMask(pair, look(pair, {}, true, settings)), pair);
     if (part <= most + kBetter) continue;
     best = channels;
     most = part;
@@ -155,19 +161,22 @@ FlowResult registerProjections(const Projection& earlier, const Projection& late
   if (rounds > 0) {
     Pair pair = pairAt(step);
     cv::Mat coarse;
+    double part = 0;
     for (int round = 0; round < rounds; ++round) {
       FlowResult result = look(pair, coarse, false, settings);
-      double settled = settledPart(result, pair);
-      if (round == 0 && settings.channels == "auto" && settled < kFollowed) {
+      cv::Mat settled = settledMask(pair, result);
+      if (round == 0 && settings.channels == "auto" && partOf(settled, pair) < kFollowed) {
         channels = chooseChannels(earlier, later, earlier_usable, later_usable, settings);
         if (channels != "rgb") {
           pair = pairAt(step);
           result = look(pair, coarse, false, settings);
-          settled = settledPart(result, pair);
+          settled = settledMask(pair, result);
         }
       }
-      coarse = predictionOf(result, pair.resolution);
-      if (1 - settled < kWorthARound) break;
+      coarse = continued(result.flow, settled);
+      const double before = part;
+      part = partOf(settled, pair);
+      if (1 - part < kWorthARound || part - before < kLeastGain) break;
     }
     guess = refined(coarse, size, step);
   }

@@ -6,7 +6,6 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
-#include "cortshift_flow/flow.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/registration.hpp"
 #include "flow_targets.hpp"
@@ -70,8 +69,7 @@ void TrustSettings::validate() const {
   requireRange("hole_border", hole_border, 0.0, 0.02);
   requireRange("glare", glare, 0.5, 1.0);
   requireRange("glare_margin", glare_margin, 0.0, 0.01);
-  requireRange("match_window", match_window, 0.0005, 0.02);
-  requireRange("image_noise", image_noise, 0.0, 0.2);
+  agreement.validate();
 }
 
 cv::Mat usableMask(const Projection& projection, const TrustSettings& settings) {
@@ -102,52 +100,6 @@ double overlapOf(const Projection& earlier, const Projection& later) {
   return area == 0 ? 0.0 : static_cast<double>(cv::countNonZero(earlier.mask & later.mask)) / area;
 }
 
-Agreement agreementOf(const Projection& earlier, const Projection& later, const cv::Mat& flow,
-                      const cv::Mat& earlier_usable, const cv::Mat& later_usable, const TrustSettings& settings) {
-  settings.validate();
-  const auto seen = [](const Projection& projection, const cv::Mat& usable) {
-    return flowImage(projection.colour, usable, "luminance", RegistrationSettings().detail);
-  };
-  const cv::Mat map = flowTargets(flow);
-  const cv::Mat a = seen(earlier, earlier_usable), b = sample(seen(later, later_usable), map, cv::INTER_LINEAR);
-  cv::Mat weight = earlier_usable & sample(later_usable, map, cv::INTER_NEAREST);
-  weight.convertTo(weight, CV_32F, 1.0 / 255.0);
-
-  const int side = 2 * static_cast<int>(std::lround(0.5 * settings.match_window / earlier.resolution)) + 1;
-  const auto windowMean = [&](const cv::Mat& values) {
-    cv::Mat mean;
-    cv::boxFilter(values.mul(weight), mean, CV_32F, cv::Size(side, side), {-1, -1}, true, cv::BORDER_CONSTANT);
-    return mean;
-  };
-  const cv::Mat n = windowMean(cv::Mat::ones(a.size(), CV_32FC1)), sum_a = windowMean(a), sum_b = windowMean(b),
-                sum_aa = windowMean(a.mul(a)), sum_bb = windowMean(b.mul(b)), sum_ab = windowMean(a.mul(b));
-  const auto noise = static_cast<float>(settings.image_noise * settings.image_noise);
-  Agreement agreement{cv::Mat(a.size(), CV_32FC1, cv::Scalar(0)), cv::Mat(a.size(), CV_32FC1, cv::Scalar(1))};
-  for (int row = 0; row < a.rows; ++row)
-    for (int column = 0; column < a.cols; ++column) {
-      const float w = n.at<float>(row, column);
-      constexpr float kLeastShare = 0.1F;  // of the window
-      if (weight.at<float>(row, column) == 0 || w < kLeastShare) continue;
-      const float ma = sum_a.at<float>(row, column) / w, mb = sum_b.at<float>(row, column) / w;
-      const float va = std::max(0.0F, sum_aa.at<float>(row, column) / w - ma * ma),
-                  vb = std::max(0.0F, sum_bb.at<float>(row, column) / w - mb * mb),
-                  cross = sum_ab.at<float>(row, column) / w - ma * mb;
-      // The noise in the denominator lets the correlation fade where there is little texture to correlate.
-      agreement.correlation.at<float>(row, column) = cross / std::sqrt((va + noise) * (vb + noise));
-      agreement.residual.at<float>(row, column) = std::sqrt(std::max(0.0F, va + vb - 2 * cross));
-    }
-  return agreement;
-}
-
-double probabilityOfMatch(double flow_error, double correlation, double residual) {
-  // Fitted to 120 000 vectors between the stages of the cases shift_clean, shift_disturbed and shift_wet.
-  constexpr double kConstant = -12.71, kPerLogError = -0.86, kPerCorrelation = 4.26, kPerLogResidual = -1.09;
-  const double error = std::clamp(flow_error, 3e-6, 1e-3), rest = std::clamp(residual, 0.002, 0.2);
-  const double logit =
-      kConstant + kPerLogError * std::log(error) + kPerCorrelation * correlation + kPerLogResidual * std::log(rest);
-  return 1 / (1 + std::exp(-logit));
-}
-
 cv::Mat combineConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
                           const cv::Mat& flow_confidence, const cv::Mat& earlier_usable, const cv::Mat& later_usable,
                           const TrustSettings& settings) {
@@ -159,21 +111,16 @@ cv::Mat combineConfidence(const Projection& earlier, const Projection& later, co
   const cv::Mat map = flowTargets(flow);
   const cv::Mat allowed = inner(earlier) & earlier_usable & sample(inner(later) & later_usable, map, cv::INTER_NEAREST);
   const cv::Mat later_confidence = sample(later.confidence, map, cv::INTER_LINEAR);
-  const Agreement agreement = agreementOf(earlier, later, flow, earlier_usable, later_usable, settings);
-  cv::Mat confidence(flow.size(), CV_32FC1, cv::Scalar(0));
-  for (int row = 0; row < flow.rows; ++row)
-    for (int column = 0; column < flow.cols; ++column) {
-      if (allowed.at<uchar>(row, column) == 0) continue;
-      const double flow_error =
-          cortshift_flow::predictedError(flow_confidence.at<float>(row, column)) * earlier.resolution;
-      const double surface =
-          std::min(earlier.confidence.at<float>(row, column), later_confidence.at<float>(row, column));
-      constexpr double kSureSurface = 0.25;  // surface confidence from which the height adds no doubt
-      confidence.at<float>(row, column) =
-          static_cast<float>(probabilityOfMatch(flow_error, agreement.correlation.at<float>(row, column),
-                                                agreement.residual.at<float>(row, column)) *
-                             std::min(1.0, surface / kSureSurface));
-    }
+  const auto seen = [](const Projection& projection, const cv::Mat& usable) {
+    return flowImage(projection.colour, usable, "luminance", RegistrationSettings().detail);
+  };
+  const Agreement agreement = agreementOf(seen(earlier, earlier_usable), seen(later, later_usable), earlier_usable,
+                                          later_usable, flow, earlier.resolution, settings.agreement);
+  cv::Mat confidence = probabilityOfMatch(flow_confidence, agreement, earlier.resolution);
+  constexpr double kSureSurface = 0.25;  // surface confidence from which the height adds no doubt
+  cv::Mat surface = cv::min(earlier.confidence, later_confidence) / kSureSurface;
+  confidence = confidence.mul(cv::min(surface, 1.0));
+  confidence.setTo(0, allowed == 0);
   return confidence;
 }
 

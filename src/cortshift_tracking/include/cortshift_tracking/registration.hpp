@@ -16,7 +16,7 @@ struct RegistrationSettings {
       3.5;          ///< standard deviation of the window whose mean brightness is divided out [grid units], 0.5 ... 100
   double bend = 5;  ///< expected second derivative of the displacement along the surface [1/m], 0.01 ... 1000
   double coarse_resolution = 0.0002;  ///< grid of the first looks [m]; none where the grid itself is as coarse
-  int coarse_rounds = 2;              ///< first looks, each from the sure vectors of the one before, 0 ... 5
+  int coarse_rounds = 4;              ///< first looks at most, each from the sure vectors of the one before, 0 ... 10
   cortshift_flow::FlowSettings flow;  ///< its curvature follows from `bend`
 
   /// @throws TrackingError naming the setting, its value and what is allowed.
@@ -45,7 +45,8 @@ cortshift_flow::FlowResult registerProjections(const Projection& earlier, const 
                                                const cv::Mat& prediction = {});
 
 /// The sure vectors of a flow, continued smoothly over all others: what a next look can start from.
-cv::Mat predictionOf(const cortshift_flow::FlowResult& result, double resolution);
+/// @param confidence CV_32FC1 0...1, see combineConfidence
+cv::Mat predictionOf(const cv::Mat& flow, const cv::Mat& confidence);
 
 /// Continues an image smoothly where `mask` is 0.
 /// @param image CV_32F with one to three channels

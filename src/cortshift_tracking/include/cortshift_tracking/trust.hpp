@@ -3,6 +3,7 @@
 
 #include <opencv2/core.hpp>
 
+#include "cortshift_tracking/agreement.hpp"
 #include "cortshift_tracking/projection.hpp"
 
 namespace cortshift_tracking {
@@ -12,8 +13,7 @@ struct TrustSettings {
   double hole_border = 0.0;      ///< eroded around large holes within [m], 0 ... 0.02
   double glare = 0.97;           ///< darkest channel above which a pixel is a highlight, 0.5 ... 1
   double glare_margin = 0.0004;  ///< around a highlight [m], 0 ... 0.01
-  double match_window = 0.002;   ///< side of the window in which the two images are compared [m], 0.0005 ... 0.02
-  double image_noise = 0.01;     ///< standard deviation of the noise of the images that the flow sees, 0 ... 0.2
+  AgreementSettings agreement;
 
   /// @throws TrackingError naming the setting, its value and the allowed range.
   void validate() const;
@@ -29,20 +29,6 @@ cv::Mat erodeBorder(const cv::Mat& mask, double border, double hole_border);
 
 /// Part of the earlier surface's projected area that the later surface covers too, 0...1 (0 if there is no area).
 double overlapOf(const Projection& earlier, const Projection& later);
-
-/// How the earlier image and the later one, brought back by the flow, agree in a window around each pixel, after local
-/// brightness has been divided out. Blood, a changed surface and a wrong match lower it, and so does lack of texture.
-struct Agreement {
-  cv::Mat correlation;  ///< CV_32FC1 -1...1; 0 where nothing can be compared
-  cv::Mat residual;     ///< CV_32FC1 standard deviation of the difference, of a mean brightness of 0.5
-};
-Agreement agreementOf(const Projection& earlier, const Projection& later, const cv::Mat& flow,
-                      const cv::Mat& earlier_usable, const cv::Mat& later_usable, const TrustSettings& settings = {});
-
-/// Probability that a vector is right to 0.25 mm, from the registration's own predicted error and the images'
-/// agreement: a logistic model.
-/// @param flow_error predicted error of the flow [m]
-double probabilityOfMatch(double flow_error, double correlation, double residual);
 
 /// Everything that speaks about trust in one number: CV_32FC1 0...1 over the earlier image: probabilityOfMatch, less
 /// where either surface is unsure, and 0 where the start or the end of a vector is not usable or too near to the

@@ -14,6 +14,7 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   reader.number("capture_timeout", p.capture_timeout, 0.1, 600.0);
   reader.number("max_surface_age", p.max_surface_age, 0.0, 3600.0);
   reader.number("max_pose_gap", p.max_pose_gap, 0.001, 10.0);
+  reader.number("max_speed", p.max_speed, 0.0001, 1.0);
   std::vector<double> gravity;
   reader.numbers("gravity", gravity, 3);
   reader.number("arrow_spacing", p.arrow_spacing, 0.0005, 0.05);
@@ -27,7 +28,7 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   reader.number("detail", s.registration.detail, 0.5, 100.0);
   reader.number("bend", s.registration.bend, 0.01, 1000.0);
   reader.number("coarse_resolution", s.registration.coarse_resolution, 0.00005, 0.002);
-  reader.number("coarse_rounds", s.registration.coarse_rounds, 0, 5);
+  reader.number("coarse_rounds", s.registration.coarse_rounds, 0, 10);
   std::string inversion = "linear";
   reader.choice("inversion", inversion, {"linear", "nearest"});
   s.inversion.interpolation = inversion == "linear" ? Interpolation::kLinear : Interpolation::kNearest;
@@ -36,8 +37,8 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   reader.number("hole_border", s.trust.hole_border, 0.0, 0.02);
   reader.number("glare", s.trust.glare, 0.5, 1.0);
   reader.number("glare_margin", s.trust.glare_margin, 0.0, 0.01);
-  reader.number("match_window", s.trust.match_window, 0.0005, 0.02);
-  reader.number("image_noise", s.trust.image_noise, 0.0, 0.2);
+  reader.number("match_window", s.trust.agreement.window, 0.0005, 0.02);
+  reader.number("image_noise", s.trust.agreement.image_noise, 0.0, 0.2);
   reader.flag("strain", s.with_strain);
   reader.number("strain_window", s.strain.window, 0.0005, 0.02);
   reader.choice("exclusions", p.exclusions);

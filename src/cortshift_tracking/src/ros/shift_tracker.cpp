@@ -15,6 +15,7 @@
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/pictures.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
+#include "cortshift_tracking/ros/health.hpp"
 #include "cortshift_tracking/ros/markers.hpp"
 #include "cortshift_tracking/ros/stage_record.hpp"
 
@@ -68,13 +69,6 @@ ros::Time fireTrigger(ros::ServiceClient trigger, SurfaceInbox::Deadline deadlin
   return call->service.response.stamp;
 }
 
-diagnostic_msgs::KeyValue entry(const std::string& key, const std::string& value) {
-  diagnostic_msgs::KeyValue pair;
-  pair.key = key;
-  pair.value = value;
-  return pair;
-}
-
 }  // namespace
 
 struct ShiftTracker::Status {
@@ -88,6 +82,7 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
     : parameters_(parameters),
       store_(caseFolder(parameters)),
       poses_(parameters.max_pose_gap),
+      pose_watch_(poses_, parameters.max_speed),
       gravity_pmr_(parameters.gravity_pmr),
       status_(std::make_unique<Status>()),
       service_node_(private_node) {
@@ -98,6 +93,8 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
   service_node_.setCallbackQueue(&service_queue_);
   pairs_ = std::make_unique<PairHistory>(data_node_);
   surfaces_ = data_node_.subscribe("/surface/points", 2, &ShiftTracker::onSurface, this);
+  fixed_ = data_node_.subscribe<tf2_msgs::TFMessage>(
+      "/tf_static", 100, [this](const tf2_msgs::TFMessageConstPtr& message) { registration_.add(*message); });
   diagnostics_in_ = data_node_.subscribe("/diagnostics", 20, &ShiftTracker::onDiagnostics, this);
 
   field_ = data_node_.advertise<cortshift_msgs::DisplacementField>("/shift/field", 1, true);
@@ -119,6 +116,8 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
   list_ = service_node_.advertiseService("list_stages", &ShiftTracker::onList, this);
   delete_ = service_node_.advertiseService("delete_stage", &ShiftTracker::onDelete, this);
   compute_ = service_node_.advertiseService("compute_shift", &ShiftTracker::onCompute, this);
+  compute_across_epochs_ =
+      service_node_.advertiseService("compute_shift_across_epochs", &ShiftTracker::onComputeAcrossEpochs, this);
   set_gravity_ = service_node_.advertiseService("set_gravity", &ShiftTracker::onGravity, this);
   exclude_ = service_node_.advertiseService("exclude_regions", &ShiftTracker::onExclude, this);
   track_ = service_node_.advertiseService("track", &ShiftTracker::onTrack, this);
@@ -155,14 +154,14 @@ void ShiftTracker::capture(const std::string& key, const std::string& note, unsi
     record.info.key = key;
     record.info.note = note;
     record.info.stamp = record.surface->header.stamp;
+    requireTrustworthyPose(key, record.info.stamp);
     pairs_->fill(record);
     remarks +=
         completeStage(record, [this](const std::string& target, const std::string& source, const ros::Time& stamp) {
           return poses_.lookup(target, source, stamp, kPoseWait);
         });
-    store_.add(record);
+    response.stage = store_.add(record);
     response.success = true;
-    response.stage = record.info;
     response.message = "stage '" + key + "' is stored (" + std::to_string(record.info.valid_points) + " points, " +
                        std::to_string(static_cast<int>(100 * record.info.coverage)) + " % of the image)" + remarks;
     ROS_INFO_STREAM(response.message);
@@ -213,6 +212,7 @@ sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitSurface(const std::string& k
   if (trigger_.exists()) {
     ros::Time stamp;
     try {
+      pose_watch_.requireSeen();
       stamp = fireTrigger(trigger_, deadline);
     } catch (const TrackingError& error) {
       throw TrackingError("stage '" + key + "' was not captured: " + error.what());
@@ -226,6 +226,15 @@ sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitSurface(const std::string& k
   throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
                       " no surface arrived on /surface/points that is at most " + seconds(parameters_.max_surface_age) +
                       " older than the request" + whyNoSurface());
+}
+
+void ShiftTracker::requireTrustworthyPose(const std::string& key, const ros::Time& stamp) const {
+  try {
+    registration_.requireSettled(stamp);
+    pose_watch_.requireStill(stamp);
+  } catch (const TrackingError& error) {
+    throw TrackingError("stage '" + key + "' was not captured: " + error.what());
+  }
 }
 
 std::string ShiftTracker::whyNoSurface() const {
@@ -267,12 +276,22 @@ bool ShiftTracker::onDelete(cortshift_msgs::DeleteStage::Request& request,
 
 bool ShiftTracker::onCompute(cortshift_msgs::ComputeShift::Request& request,
                              cortshift_msgs::ComputeShift::Response& response) {
+  return compute(request, response, false);
+}
+
+bool ShiftTracker::onComputeAcrossEpochs(cortshift_msgs::ComputeShift::Request& request,
+                                         cortshift_msgs::ComputeShift::Response& response) {
+  return compute(request, response, true);
+}
+
+bool ShiftTracker::compute(const cortshift_msgs::ComputeShift::Request& request,
+                           cortshift_msgs::ComputeShift::Response& response, bool across_epochs) {
   try {
     const std::lock_guard<std::mutex> guard(compute_mutex_);
     const auto excluded = regions_.find(request.from_key);
     const StageShift shift =
         computeStageShift(store_, request.from_key, request.to_key, first_normal_, gravity_pmr_, parameters_.shift,
-                          excluded == regions_.end() ? std::vector<Region>() : excluded->second);
+                          excluded == regions_.end() ? std::vector<Region>() : excluded->second, across_epochs);
     publish(shift.result, shift.from, shift.to);
     response.success = true;
     response.summary = toMessage(shift.result.summary, request.from_key, request.to_key);
@@ -374,6 +393,8 @@ void ShiftTracker::trackLoop(const std::string& key) {
       if (!surface) continue;
       cortshift_msgs::StageInfo to;  // a surface that is no stage has no key
       to.stamp = surface->header.stamp;
+      if (!sameRegistration(from.registration, registration_.newest()))
+        throw TrackingError("the patient registration has changed since this stage; track from one of the new epoch");
       const std::lock_guard<std::mutex> guard(compute_mutex_);
       const ShiftResult result =
           computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface), directions(), settings);
@@ -402,7 +423,7 @@ void ShiftTracker::publish(const ShiftResult& result, const cortshift_msgs::Stag
   };
   picture(overlay_before_, overlayBefore(result));
   picture(overlay_after_, overlayAfter(result));
-  picture(magnitude_, magnitudeMap(result));
+  picture(magnitude_, magnitudeMap(result.field));
   field_.publish(field);
 }
 
@@ -439,6 +460,8 @@ void ShiftTracker::onTimer(const ros::WallTimerEvent&) {
   diagnostic_msgs::DiagnosticArray message;
   message.header.stamp = ros::Time::now();
   message.status.resize(2);
+  message.status.push_back(poseStatus(pose_watch_, parameters_.max_pose_gap, parameters_.max_speed));
+  message.status.push_back(caseStatus(store_));
   diagnostic_msgs::DiagnosticStatus &stages = message.status[0], &surfaces = message.status[1];
   stages.name = "shift_tracker: stages";
   const std::vector<std::string>& aside = store_.setAside();
