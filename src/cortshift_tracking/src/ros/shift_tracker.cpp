@@ -52,19 +52,26 @@ SurfaceInbox::Deadline deadlineAfter(double seconds) {
          std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(seconds));
 }
 
-/// Fires the driver. A driver that hangs is left behind when the deadline passes.
-/// @return stamp of the pair
-ros::Time fireTrigger(ros::ServiceClient trigger, SurfaceInbox::Deadline deadline) {
+/// Fires the driver. A driver that hangs, or one behind a cable that is out, is left behind when the deadline passes.
+/// @return stamp of the pair; nothing where there is no driver
+std::optional<ros::Time> fireTrigger(ros::ServiceClient trigger, SurfaceInbox::Deadline deadline) {
   struct Call {
     cortshift_msgs::TriggerCapture service;
+    bool exists = false;
     std::promise<bool> answered;
   };
   const auto call = std::make_shared<Call>();
   std::future<bool> answered = call->answered.get_future();
-  std::thread([call, trigger]() mutable { call->answered.set_value(trigger.call(call->service)); }).detach();
+  std::thread([call, trigger]() mutable {
+    call->exists = trigger.exists();
+    call->answered.set_value(call->exists && trigger.call(call->service));
+  }).detach();
   if (answered.wait_until(deadline) != std::future_status::ready)
-    throw TrackingError(std::string("the driver did not answer ") + kTrigger + "; check the cameras");
-  if (!answered.get()) throw TrackingError(std::string("the call of ") + kTrigger + " failed; check the driver");
+    throw TrackingError(std::string("the driver did not answer ") + kTrigger +
+                        "; check the cameras, and the network where the driver runs on another machine");
+  const bool done = answered.get();
+  if (!call->exists) return std::nullopt;
+  if (!done) throw TrackingError(std::string("the call of ") + kTrigger + " failed; check the driver");
   if (!call->service.response.success)
     throw TrackingError("the driver took no pair: " + call->service.response.message);
   return call->service.response.stamp;
@@ -215,17 +222,17 @@ sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitMean(const std::string& key,
 
 sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitSurface(const std::string& key) {
   const SurfaceInbox::Deadline deadline = deadlineAfter(parameters_.capture_timeout);
-  if (trigger_.exists()) {
-    ros::Time stamp;
-    try {
-      pose_watch_.requireSeen();
-      stamp = fireTrigger(trigger_, deadline);
-    } catch (const TrackingError& error) {
-      throw TrackingError("stage '" + key + "' was not captured: " + error.what());
-    }
-    if (auto surface = inbox_.waitSince(stamp, deadline)) return surface;
+  std::optional<ros::Time> stamp;
+  try {
+    pose_watch_.requireSeen();
+    stamp = fireTrigger(trigger_, deadline);
+  } catch (const TrackingError& error) {
+    throw TrackingError("stage '" + key + "' was not captured: " + error.what());
+  }
+  if (stamp) {
+    if (auto surface = inbox_.waitSince(*stamp, deadline)) return surface;
     throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
-                        " no surface of the pair at " + std::to_string(stamp.toSec()) + " arrived on /surface/points" +
+                        " no surface of the pair at " + std::to_string(stamp->toSec()) + " arrived on /surface/points" +
                         whyNoSurface());
   }
   if (auto surface = inbox_.waitForRecent(ros::Duration(parameters_.max_surface_age), deadline)) return surface;
