@@ -49,7 +49,7 @@ void expectAccurate(const AnalyticScene& scene, double median, double p95, doubl
   EXPECT_LT(accuracy.median_px, median);
   EXPECT_LT(accuracy.p95_px, p95);
   EXPECT_GT(accuracy.coverage, coverage);
-  EXPECT_NEAR(result.quality.coverage, accuracy.coverage, 1e-9);
+  EXPECT_NEAR(result.quality.coverage, accuracy.coverage / Rectifier(scene.model()).leftShare(), 1e-9);
 }
 
 std::string refusalOf(const AnalyticScene& scene, const cv::Mat& left, const cv::Mat& right) {

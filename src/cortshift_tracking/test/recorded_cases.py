@@ -1,6 +1,9 @@
 """Bags of small recorded cases for tests: made by the phantom, changed message by message."""
 import copy
 import os
+import subprocess
+import tempfile
+import time
 
 import genpy
 import rosbag
@@ -8,6 +11,7 @@ import yaml
 
 from offline_tools import ROOT, run_tool
 
+CONFIG = str(ROOT / 'src/cortshift_tracking/test/coarse_config')   # in keeping with small images
 STAGES = ('dural_opening', 'after_resection')
 CAPTURES = ('dural_opening@5.2', 'after_resection@12.2')   # [s] from the bag's start
 
@@ -80,5 +84,54 @@ def tilt_right_camera(topic, message, time):
     return [(topic, message, time)]
 
 
+def raw_images(topic, message, time):
+    """For cases.rewrite: images as sensor_msgs/Image."""
+    if not topic.endswith('/compressed'):
+        return [(topic, message, time)]
+    from cv_bridge import CvBridge
+    bridge = CvBridge()
+    raw = bridge.cv2_to_imgmsg(bridge.compressed_imgmsg_to_cv2(message, 'bgr8'), 'bgr8')
+    raw.header = message.header
+    return [(topic[:-len('/compressed')], raw, time)]
+
+
 def seconds(value):
     return genpy.Time.from_sec(value)
+
+
+def long_bag(source, path, megabytes):
+    """A recorded case with its frames over and over after its end, as raw images at 4 Hz and with a tracker of 20 Hz."""
+    with rosbag.Bag(source) as bag:
+        entries = [(topic, message, time) for topic, message, time in bag.read_messages()]
+        end = bag.get_end_time()
+    frames = [raw_images(*entry)[0][:2] for entry in entries if entry[0].endswith('/compressed')][:2]
+    pose = next(message for topic, message, _ in entries if topic == '/tf')
+    with rosbag.Bag(path, 'w') as bag:
+        for entry in entries:
+            bag.write(*entry)
+        for n in range(int(megabytes * 1e6 / sum(len(message.data) for _, message in frames))):
+            begin = end + 1 + 0.25 * n
+            for topic, message in frames:
+                message.header.stamp = seconds(begin)
+                bag.write(topic, message, seconds(begin))
+            for k in range(5):
+                for edge in pose.transforms:
+                    edge.header.stamp = seconds(begin + 0.05 * k)
+                bag.write('/tf', pose, seconds(begin + 0.05 * k))
+    return path
+
+
+def cost(bag, *arguments, output=None):
+    """What process_bag costs: {'seconds': wall time, 'memory': peak [bytes], 'read': from files [bytes]}."""
+    with tempfile.TemporaryDirectory() as scratch:
+        begin = time.monotonic()
+        process = subprocess.Popen(['rosrun', 'cortshift_tracking', 'process_bag', bag, *map(str, arguments), '--output',
+                                    output or os.path.join(scratch, 'out')], stdout=subprocess.DEVNULL)
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        elapsed = time.monotonic() - begin
+        with open(f'/proc/{process.pid}/io', encoding='ascii') as file:
+            read = int(file.readline().split()[1])
+        _, status, usage = os.wait4(process.pid, 0)
+    if status != 0:
+        raise AssertionError(f'process_bag ended with {status}')
+    return {'seconds': elapsed, 'memory': 1024 * usage.ru_maxrss, 'read': read}

@@ -28,8 +28,8 @@ def recorded(tmp_path_factory):
 
 
 def process(bag, output, *arguments, captures=cases.CAPTURES, shifts=(SHIFT,), status=0):
-    return run_tool('process_bag', bag, '--capture', *captures, '--shift', *shifts, '--output', output, *arguments,
-                    status=status)
+    return run_tool('process_bag', bag, '--capture', *cases.CAPTURES, '--shift', SHIFT, '--output', output, '--config', config,
+                    *arguments, status=status)
 
 
 def same_files(a, b):
@@ -67,7 +67,7 @@ def test_plan_file(recorded, tmp_path):
     plan = {'captures': [{'key': key, 'at': float(at)} for key, at in (text.split('@') for text in cases.CAPTURES)],
             'shifts': [dict(zip(('from', 'to'), cases.STAGES))]}
     (tmp_path / 'plan.yaml').write_text(yaml.safe_dump(plan))
-    run_tool('process_bag', recorded[0], '--plan', tmp_path / 'plan.yaml', '--output', tmp_path / 'out')
+    run_tool('process_bag', recorded[0], '--plan', tmp_path / 'plan.yaml', '--output', tmp_path / 'out', '--config', cases.CONFIG)
     assert same_files(recorded[2], str(tmp_path / 'out'))
 
 
@@ -78,17 +78,6 @@ def fields_agree(a, b):
         np.testing.assert_array_equal(one, other)
 
 
-def raw_images(topic, message, time):
-    """For cases.rewrite: images as sensor_msgs/Image."""
-    if not topic.endswith('/compressed'):
-        return [(topic, message, time)]
-    from cv_bridge import CvBridge
-    bridge = CvBridge()
-    raw = bridge.cv2_to_imgmsg(bridge.compressed_imgmsg_to_cv2(message, 'bgr8'), 'bgr8')
-    raw.header = message.header
-    return [(topic[:-len('/compressed')], raw, time)]
-
-
 @pytest.mark.parametrize('kind', ['bz2', 'lz4', 'unsorted', 'raw', 'raw_and_compressed', 'no_index', 'cut', 'cut_index'])
 def test_kinds_of_bags(recorded, tmp_path, kind):
     source, target = recorded[0], str(tmp_path / 'case.bag')
@@ -97,9 +86,9 @@ def test_kinds_of_bags(recorded, tmp_path, kind):
     elif kind == 'unsorted':   # neighbouring messages far apart in the file, chunks that overlap in time
         cases.rewrite(source, target, order=lambda time: (time.to_nsec() * 7919) % 10007, chunk_threshold=20000)
     elif kind == 'raw':
-        cases.rewrite(source, target, raw_images, chunk_threshold=100000)
+        cases.rewrite(source, target, cases.raw_images, chunk_threshold=100000)
     elif kind == 'raw_and_compressed':
-        cases.rewrite(source, target, lambda *entry: [entry] + (raw_images(*entry) if entry[0].endswith('compressed') else []))
+        cases.rewrite(source, target, lambda *entry: [entry] + (cases.raw_images(*entry) if entry[0].endswith('compressed') else []))
     elif kind == 'no_index':
         cases.forget_index(cases.rewrite(source, str(tmp_path / 'small.bag'), chunk_threshold=50000), target)
     elif kind == 'cut':             # within one of the last chunks
@@ -144,7 +133,7 @@ def test_damaged_everywhere(recorded, tmp_path):
         data[start:start + 40] = random.bytes(40)
         (tmp_path / 'x.bag').write_bytes(data)
         done = subprocess.run(['rosrun', 'cortshift_tracking', 'process_bag', str(tmp_path / 'x.bag'), '--capture', *cases.CAPTURES,
-                               '--shift', SHIFT, '--output', str(tmp_path / f'out{n}')], stdout=subprocess.PIPE,
+                               '--shift', SHIFT, '--output', str(tmp_path / f'out{n}'), '--config', cases.CONFIG], stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, check=False)
         assert done.returncode in (0, 1), (start, done.stderr)
 
@@ -243,25 +232,42 @@ def test_nothing_is_overwritten(recorded, tmp_path):
     assert 'not empty' in said and same_files(recorded[2], str(tmp_path / 'out'))
 
 
-def test_parameters_are_checked(recorded, tmp_path):
-    config = tmp_path / 'config'
-    shutil.copytree(cases.ROOT / 'config', config)
-    for text, reason in (('min_coverage: 7', 'min_coverage = 7'), ('nonsense: 1', 'nonsense is unknown'),
-                         ('min_coverage: high', 'not of the type')):
-        (config / 'surface_reconstruction.yaml').write_text(text)
-        _, said = process(recorded[0], tmp_path / 'out', '--config', config, status=1)
-        assert reason in said
+@pytest.fixture
+def config(tmp_path):
+    """A copy of the parameters to change: function of file, key and value, which returns the folder."""
+    folder = tmp_path / 'config'
+    shutil.copytree(cases.CONFIG, folder)
+
+    def change(name, key, value):
+        values = yaml.safe_load((folder / name).read_text())
+        values[key] = value
+        (folder / name).write_text(yaml.safe_dump(values))
+        return folder
+    return change
 
 
-def test_parameters_count(recorded, tmp_path):
-    config = tmp_path / 'config'
-    shutil.copytree(cases.ROOT / 'config', config)
-    tracker = yaml.safe_load((config / 'shift_tracker.yaml').read_text())
-    tracker.update(resolution=0.0004, gravity=[0, -1, 0])
-    (config / 'shift_tracker.yaml').write_text(yaml.safe_dump(tracker))
-    process(recorded[0], tmp_path / 'out', '--config', config)
+@pytest.mark.parametrize('key, value, reason', [('min_coverage', 7, 'min_coverage = 7'), ('nonsense', 1, 'nonsense is unknown'),
+                                                ('min_coverage', 'high', 'not of the type'), ('average_pairs', True, 'not of the type')])
+def test_parameters_are_checked(recorded, tmp_path, config, key, value, reason):
+    _, said = process(recorded[0], tmp_path / 'out', config=config('surface_reconstruction.yaml', key, value), status=1)
+    assert reason in said and 'surface_reconstruction.yaml' in said
+
+
+def test_parameters_count(recorded, tmp_path, config):
+    config('shift_tracker.yaml', 'resolution', 0.0008)
+    process(recorded[0], tmp_path / 'out', config=config('shift_tracker.yaml', 'gravity', [0, -1, 0]))
     field = read_field(tmp_path / 'out' / FIELD)
-    assert field.resolution == 0.0004 and np.isfinite(field.summary.gravity_mean)
+    assert field.resolution == 0.0008 and np.isfinite(field.summary.gravity_mean)
+
+
+def test_mean_of_pairs(recorded, tmp_path, config):
+    """With average_pairs a surface is the mean with the pairs before it, as in the node."""
+    process(recorded[0], tmp_path / 'out', config=config('surface_reconstruction.yaml', 'average_pairs', 4))
+    with rosbag.Bag(str(next((tmp_path / 'out/stages').glob('*dural*.bag')))) as mean, \
+            rosbag.Bag(next(os.path.join(recorded[2], 'stages', n) for n in os.listdir(os.path.join(recorded[2], 'stages'))
+                            if 'dural' in n)) as single:
+        clouds = [next(bag.read_messages('/surface/points')).message for bag in (mean, single)]
+    assert clouds[0].header.stamp == clouds[1].header.stamp and clouds[0].data != clouds[1].data
 
 
 # ---- validate_bag
@@ -305,7 +311,7 @@ def test_validate_sees_another_calibration_in_tf(recorded, tmp_path):
 
 def test_recompute_changes_nothing(recorded, tmp_path):
     before = sorted(os.listdir(os.path.join(recorded[2], 'stages')))
-    output, _ = run_tool('recompute', recorded[2], '--output', tmp_path / 'again')
+    output, _ = run_tool('recompute', recorded[2], '--output', tmp_path / 'again', '--config', cases.CONFIG)
     changes = [line.split() for line in output.splitlines() if line.startswith(('stage', 'shift'))]
     assert len(changes) == 3
     for line in changes:
@@ -317,12 +323,8 @@ def test_recompute_changes_nothing(recorded, tmp_path):
         assert valid.sum() > 0.999 * np.isfinite(one).sum() and np.abs(one - other)[valid].max() < 1e-6
 
 
-def test_recompute_with_other_settings(recorded, tmp_path):
-    config = tmp_path / 'config'
-    shutil.copytree(cases.ROOT / 'config', config)
-    text = (config / 'surface_reconstruction.yaml').read_text().replace('max_deviation: 0.75', 'max_deviation: 0.05')
-    (config / 'surface_reconstruction.yaml').write_text(text)
-    output, _ = run_tool('recompute', recorded[2], '--config', config)
+def test_recompute_with_other_settings(recorded, config):
+    output, _ = run_tool('recompute', recorded[2], '--config', config('surface_reconstruction.yaml', 'max_deviation', 0.05))
     before, after = (int(next(line for line in output.splitlines() if line.startswith('stage')).split()[n]) for n in (2, 3))
     assert after < before
 
@@ -339,49 +341,15 @@ def test_recompute_without_raw_pair(recorded, tmp_path):
 
 # ---- long recordings
 
-def long_bag(source, path, megabytes):
-    """Frames of the case over and over, as raw images and far from any stage, before and after its own."""
-    with rosbag.Bag(source) as bag:
-        entries = [(topic, message, time.to_sec()) for topic, message, time in bag.read_messages()]
-        end = bag.get_end_time()
-    frame = [raw_images(topic, message, time)[0] for topic, message, time in entries if topic.endswith('/compressed')][:2]
-    poses = [(topic, message, time) for topic, message, time in entries if topic == '/tf'][:20]
-    size = sum(len(message.data) for _, message, _ in frame)
-    with rosbag.Bag(path, 'w') as bag:
-        for topic, message, time in entries:
-            bag.write(topic, message, cases.seconds(time))
-        step = 0.25
-        for n in range(int(megabytes * 1e6 / size)):
-            now = end + 1 + n * step
-            for topic, message, _ in frame:
-                message.header.stamp = cases.seconds(now)
-                bag.write(topic, message, cases.seconds(now))
-            for k, (topic, message, _) in enumerate(poses[:5]):
-                for edge in message.transforms:
-                    edge.header.stamp = cases.seconds(now + k * step / 5)
-                bag.write(topic, message, cases.seconds(now + k * step / 5))
-    return path
-
-
-def cost(bag, output):
-    """(peak memory [bytes], bytes read) of process_bag."""
-    arguments = ['--capture', *cases.CAPTURES, '--shift', SHIFT, '--output', output, '--threads', '1']
-    process = subprocess.Popen(['rosrun', 'cortshift_tracking', 'process_bag', bag, *map(str, arguments)],
-                               stdout=subprocess.DEVNULL)
-    os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
-    with open(f'/proc/{process.pid}/io', encoding='ascii') as file:
-        read = int(file.readline().split()[1])
-    _, status, usage = os.wait4(process.pid, 0)
-    assert status == 0
-    return 1024 * usage.ru_maxrss, read
-
-
 def test_long_recording(recorded, tmp_path):
-    short, long = (long_bag(recorded[0], str(tmp_path / f'{size}.bag'), size) for size in (20, 320))
-    (short_memory, short_read), (long_memory, long_read) = (cost(bag, tmp_path / f'out{n}') for n, bag in enumerate((short, long)))
-    fields_agree(tmp_path / 'out0' / FIELD, tmp_path / 'out1' / FIELD)
-    fields_agree(tmp_path / 'out1' / FIELD, os.path.join(recorded[2], FIELD))
-    print(f'{os.path.getsize(short) / 1e6:.0f} MB: {short_memory / 1e6:.1f} MB of memory, {short_read / 1e6:.2f} MB read; '
-          f'{os.path.getsize(long) / 1e6:.0f} MB: {long_memory / 1e6:.1f} MB of memory, {long_read / 1e6:.2f} MB read')
-    assert long_memory - short_memory < 0.01 * (os.path.getsize(long) - os.path.getsize(short))
-    assert long_read - short_read < 0.005 * (os.path.getsize(long) - os.path.getsize(short))
+    """Memory does not grow with the recording, and only what is needed is read."""
+    task = ['--capture', *cases.CAPTURES, '--shift', SHIFT, '--config', cases.CONFIG, '--threads', 1]
+    short, long = (cases.long_bag(recorded[0], str(tmp_path / f'{size}.bag'), size) for size in (20, 320))
+    costs = [cases.cost(bag, *task, output=str(tmp_path / f'out{n}')) for n, bag in enumerate((short, long))]
+    for n in range(2):
+        fields_agree(tmp_path / f'out{n}' / FIELD, os.path.join(recorded[2], FIELD))
+    print(costs)
+    growth = os.path.getsize(long) - os.path.getsize(short)
+    assert growth > 290e6
+    assert costs[1]['memory'] - costs[0]['memory'] < 0.01 * growth
+    assert costs[1]['read'] - costs[0]['read'] < 0.002 * growth

@@ -23,16 +23,15 @@ std::string text(const char* format, double value) {
 
 }  // namespace
 
-std::optional<Motion> PoseWatch::motionAt(const ros::Time& stamp) const {
+std::optional<Motion> motionAround(const ros::Time& stamp, const cortshift_stereo::PoseAt& pose_at) {
   std::vector<PoseSample> samples;
   bool known = false;
   const int steps = static_cast<int>(kHalfWindow / kStep);
   for (int i = -steps; i <= steps; ++i) {
     try {
       const ros::Time time = stamp + ros::Duration(i * kStep);
-      samples.push_back({i * kStep, poses_.lookup("pmr", "left_optical", time, ros::WallDuration(0))});
+      samples.push_back({i * kStep, pose_at("pmr", "left_optical", time)});
       known = known || i == 0;
-      ever_ = true;
     } catch (const cortshift_stereo::PoseError&) {  // a gap; what is left decides
     }
   }
@@ -46,16 +45,28 @@ std::optional<Motion> PoseWatch::motionAt(const ros::Time& stamp) const {
   return motion;
 }
 
+void requireSlow(const Motion& motion, double max_speed) {
+  if (motion.speed > max_speed)
+    throw TrackingError("the microscope moved at " + text("%.1f mm/s", 1000 * motion.speed) +
+                        " when the pair was exposed (max_speed is " + text("%.1f mm/s", 1000 * max_speed) +
+                        "); let it stand still and capture again");
+}
+
+std::optional<Motion> PoseWatch::motionAt(const ros::Time& stamp) const {
+  return motionAround(stamp, [this](const std::string& target, const std::string& source, const ros::Time& time) {
+    const Eigen::Isometry3d T_target_source = poses_.lookup(target, source, time, ros::WallDuration(0));
+    ever_ = true;
+    return T_target_source;
+  });
+}
+
 void PoseWatch::requireStill(const ros::Time& stamp) const {
   const auto motion = motionAt(stamp);
   if (!motion && ever_)
     throw TrackingError(
         "the tracker did not see the microscope when the pair was exposed; clear its line of sight and "
         "capture again");
-  if (motion && motion->speed > max_speed_)
-    throw TrackingError("the microscope moved at " + text("%.1f mm/s", 1000 * motion->speed) +
-                        " when the pair was exposed (max_speed is " + text("%.1f mm/s", 1000 * max_speed_) +
-                        "); let it stand still and capture again");
+  if (motion) requireSlow(*motion, max_speed_);
 }
 
 std::optional<double> PoseWatch::age() const {

@@ -67,6 +67,13 @@ std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector
   return newest + 1;
 }
 
+void requireSettled(const ros::Time& stamp, const ros::Time& changed) {
+  if (stamp < changed + kSettling)
+    throw TrackingError("the patient registration changed at " + std::to_string(changed.toSec()) +
+                        ", while or after the pair at " + std::to_string(stamp.toSec()) +
+                        " was taken; capture again now that it is settled");
+}
+
 void RegistrationWatch::add(const tf2_msgs::TFMessage& message) {
   const auto heard = find(message);
   if (!heard) return;
@@ -86,10 +93,7 @@ geometry_msgs::Pose RegistrationWatch::newest() const {
 void RegistrationWatch::requireSettled(const ros::Time& stamp) const {
   const std::lock_guard<std::mutex> guard(mutex_);
   if (changed_.isZero() || changed_ > ros::Time::now()) return;  // a clock that was set back: another play of a bag
-  if (stamp < changed_ + kSettling)
-    throw TrackingError("the patient registration changed at " + std::to_string(changed_.toSec()) +
-                        ", while or after the pair at " + std::to_string(stamp.toSec()) +
-                        " was taken; capture again now that it is settled");
+  cortshift_tracking::requireSettled(stamp, changed_);
 }
 
 }  // namespace cortshift_tracking

@@ -22,6 +22,11 @@ bool sameRegistration(const geometry_msgs::Pose& a, const geometry_msgs::Pose& b
 /// one; 0 where the registration is not known.
 std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector<cortshift_msgs::StageInfo>& stages);
 
+/// @param changed  when the registration last became another one
+/// @throws TrackingError for a pair that was exposed before that or so shortly after it that the reconstruction may not
+///   have heard of it
+void requireSettled(const ros::Time& stamp, const ros::Time& changed);
+
 /// Notices when the registration changes, so that no stage mixes two of them. Thread-safe.
 class RegistrationWatch {
  public:
@@ -30,8 +35,7 @@ class RegistrationWatch {
   /// The newest one; all NaN where none has been heard of.
   geometry_msgs::Pose newest() const;
 
-  /// @throws TrackingError for a pair that was exposed before the last change or so shortly after it that the
-  ///   reconstruction may not have heard of it
+  /// See above.
   void requireSettled(const ros::Time& stamp) const;
 
  private:
