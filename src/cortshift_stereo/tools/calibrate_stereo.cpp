@@ -2,9 +2,9 @@
 #include <cstdio>
 #include <sstream>
 
-#include "command_line.hpp"
 #include "cortshift_stereo/calibration/board_images.hpp"
 #include "cortshift_stereo/calibration/stereo_report.hpp"
+#include "cortshift_stereo/command_line.hpp"
 
 namespace cortshift_stereo {
 namespace {

@@ -12,7 +12,7 @@
 #include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 
-#include "command_line.hpp"
+#include "cortshift_stereo/command_line.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
 #include "sources/phantom_motion.hpp"

@@ -3,8 +3,8 @@
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include "command_line.hpp"
 #include "cortshift_stereo/calibration/camera_info_yaml.hpp"
+#include "cortshift_stereo/command_line.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo/surface_file.hpp"
 

@@ -2,7 +2,7 @@
 #include <memory>
 #include <opencv2/imgcodecs.hpp>
 
-#include "command_line.hpp"
+#include "cortshift_stereo/command_line.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
 
 namespace cortshift_stereo {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <opencv2/imgproc.hpp>
 #include <string>
 #include <vector>
@@ -86,6 +87,79 @@ cv::Mat validMask(const DisplacementField& field) {
   return first == first;  // false for NaN
 }
 
+/// One number of each displacement [m]: CV_32FC1, NaN where there is none.
+cv::Mat valuesOf(const DisplacementField& field, const std::function<double(const Eigen::Vector3d&)>& value) {
+  cv::Mat values(field.displacement_pmr.size(), CV_32FC1);
+  for (int row = 0; row < values.rows; ++row)
+    for (int column = 0; column < values.cols; ++column) {
+      const cv::Vec3f& d = field.displacement_pmr.at<cv::Vec3f>(row, column);
+      values.at<float>(row, column) = static_cast<float>(value({d[0], d[1], d[2]}));
+    }
+  return values;
+}
+
+cv::Mat magnitudes(const DisplacementField& field) {
+  return valuesOf(field, [](const Eigen::Vector3d& d) { return d.norm(); });
+}
+
+cv::Mat along(const DisplacementField& field, const Eigen::Vector3d& direction_pmr) {
+  return valuesOf(field, [&](const Eigen::Vector3d& d) { return d.dot(direction_pmr); });
+}
+
+double scaleEndOf(const cv::Mat& values) {
+  std::vector<double> sizes;
+  for (auto it = values.begin<float>(); it != values.end<float>(); ++it)
+    if (!std::isnan(*it)) sizes.push_back(std::abs(*it));
+  if (sizes.empty()) return 0.0001;
+  const auto at = sizes.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(sizes.size() - 1));
+  std::nth_element(sizes.begin(), at, sizes.end());
+  const double largest = std::max(*at, 0.0001), power = std::pow(10, std::floor(std::log10(largest) + 1e-9));
+  for (const double step : {1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0})
+    if (largest <= step * power * (1 + 1e-6)) return step * power;
+  return 10 * power;
+}
+
+/// Blue at -1, white at 0, red at 1.
+cv::Vec3b signedColour(double value) {
+  const double t = std::clamp(value, -1.0, 1.0);
+  const cv::Vec3d end = t < 0 ? cv::Vec3d(176, 60, 20) : cv::Vec3d(30, 20, 178), white(245, 245, 245);
+  const double share = std::sqrt(std::abs(t));  // small values stay apart from none
+  const cv::Vec3d mixed = (1 - share) * white + share * end;
+  return {cv::saturate_cast<uchar>(mixed[0]), cv::saturate_cast<uchar>(mixed[1]), cv::saturate_cast<uchar>(mixed[2])};
+}
+
+/// A map of values [m] with a colour bar in mm: from 0, or from minus the end of the scale where they have a sign.
+cv::Mat colourMap(const DisplacementField& field, const cv::Mat& values, bool with_sign, const std::string& title) {
+  const double end = scaleEndOf(values);
+  const auto colourAt = [&](double value) { return with_sign ? signedColour(value / end) : scaleColour(value / end); };
+  cv::Mat coloured(values.size(), CV_8UC3, kBlank);
+  for (int row = 0; row < coloured.rows; ++row)
+    for (int column = 0; column < coloured.cols; ++column) {
+      const float value = values.at<float>(row, column);
+      if (!std::isnan(value)) coloured.at<cv::Vec3b>(row, column) = colourAt(value);
+    }
+  const double mm = 1e3 * field.frame.resolution / pictureScale(field.frame.size);
+  cv::Mat map = withStrip(upright(coloured, cv::INTER_NEAREST), mm);
+
+  // The bar stands in the strip, from the left to the middle.
+  const int left = 24, top = map.rows - kStrip + 8, width = map.cols / 2, height = 16;
+  const double begin = with_sign ? -end : 0;
+  for (int x = 0; x < width; ++x)
+    cv::line(map, {left + x, top}, {left + x, top + height},
+             cv::Scalar(colourAt(begin + (end - begin) * x / (width - 1))));
+  constexpr int kTicks = 4;
+  for (int tick = 0; tick <= kTicks; ++tick) {
+    char text[32];
+    std::snprintf(text, sizeof text, tick == kTicks ? "%.4g mm" : "%.4g",
+                  1e3 * (begin + (end - begin) * tick / kTicks));
+    const int x = left + width * tick / kTicks;
+    cv::line(map, {x, top + height}, {x, top + height + 4}, kInk, 1);
+    write(map, text, {x - 12, top + height + 24}, kInk);
+  }
+  write(map, title, {left + width + 70, top + 16}, kInk);
+  return map;
+}
+
 }  // namespace
 
 cv::Vec3b scaleColour(double value) {
@@ -98,18 +172,7 @@ cv::Vec3b scaleColour(double value) {
   return table.at<cv::Vec3b>(0, static_cast<int>(std::lround(255 * std::clamp(value, 0.0, 1.0))));
 }
 
-double scaleEnd(const DisplacementField& field) {
-  std::vector<double> magnitudes;
-  for (auto it = field.displacement_pmr.begin<cv::Vec3f>(); it != field.displacement_pmr.end<cv::Vec3f>(); ++it)
-    if (!std::isnan((*it)[0])) magnitudes.push_back(cv::norm(*it));
-  if (magnitudes.empty()) return 0.0001;
-  const auto at = magnitudes.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(magnitudes.size() - 1));
-  std::nth_element(magnitudes.begin(), at, magnitudes.end());
-  const double largest = std::max(*at, 0.0001), power = std::pow(10, std::floor(std::log10(largest) + 1e-9));
-  for (const double step : {1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0})
-    if (largest <= step * power * (1 + 1e-6)) return step * power;
-  return 10 * power;
-}
+double scaleEnd(const DisplacementField& field) { return scaleEndOf(magnitudes(field)); }
 
 cv::Mat overlayBefore(const ShiftResult& result) {
   return overlay(result, result.later.colour, result.later.mask, "before compensation");
@@ -129,32 +192,22 @@ cv::Mat overlayAfter(const ShiftResult& result) {
   return canvas;
 }
 
-cv::Mat magnitudeMap(const ShiftResult& result) {
-  const DisplacementField& field = result.field;
-  const double end = scaleEnd(field);
-  cv::Mat coloured(field.frame.size, CV_8UC3, kBlank);
-  for (int row = 0; row < coloured.rows; ++row)
-    for (int column = 0; column < coloured.cols; ++column) {
-      const cv::Vec3f& d = field.displacement_pmr.at<cv::Vec3f>(row, column);
-      if (!std::isnan(d[0])) coloured.at<cv::Vec3b>(row, column) = scaleColour(cv::norm(d) / end);
-    }
-  const double mm = 1e3 * field.frame.resolution / pictureScale(field.frame.size);
-  cv::Mat map = withStrip(upright(coloured, cv::INTER_NEAREST), mm);
+cv::Mat magnitudeMap(const DisplacementField& field) { return colourMap(field, magnitudes(field), false, "|d|"); }
 
-  // The bar stands in the strip, from the left to the middle.
-  const int left = 16, top = map.rows - kStrip + 8, width = map.cols / 2, height = 16;
-  for (int x = 0; x < width; ++x)
-    cv::line(map, {left + x, top}, {left + x, top + height}, cv::Scalar(scaleColour(static_cast<double>(x) / width)));
-  constexpr int kTicks = 4;
-  for (int tick = 0; tick <= kTicks; ++tick) {
-    char text[32];
-    std::snprintf(text, sizeof text, tick == kTicks ? "%.4g mm" : "%.4g", 1e3 * end * tick / kTicks);
-    const int x = left + width * tick / kTicks;
-    cv::line(map, {x, top + height}, {x, top + height + 4}, kInk, 1);
-    write(map, text, {x - (tick == 0 ? 0 : 12), top + height + 24}, kInk);
-  }
-  write(map, "|d|", {left + width + 70, top + 16}, kInk);
-  return map;
+cv::Mat gravityMap(const DisplacementField& field, const Eigen::Vector3d& gravity_pmr) {
+  return colourMap(field, along(field, gravity_pmr), true, "along gravity");
+}
+
+cv::Mat normalMap(const DisplacementField& field, const Eigen::Vector3d& first_normal_pmr) {
+  return colourMap(field, along(field, first_normal_pmr), true, "along the normal");
+}
+
+cv::Mat lateralMap(const DisplacementField& field, const Eigen::Vector3d& first_normal_pmr) {
+  return colourMap(
+      field,
+      valuesOf(field,
+               [&](const Eigen::Vector3d& d) { return (d - d.dot(first_normal_pmr) * first_normal_pmr).norm(); }),
+      false, "lateral");
 }
 
 }  // namespace cortshift_tracking

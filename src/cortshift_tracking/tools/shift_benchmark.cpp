@@ -25,20 +25,23 @@ using namespace cortshift_stereo_phantom;
 using namespace cortshift_tracking;
 
 constexpr const char* kUsage =
-    "usage: shift_benchmark CASE.yaml [--exact] [--resolution M] [--ungated] [--threads N] [--repeat N] [--pictures "
-    "DIR]\n"
-    "Every stage of a phantom case against the ones after it: 3D error [mm], coverage, seconds of each step, memory.\n"
+    "usage: shift_benchmark CASE.yaml [CASE.yaml ...] [--from-first] [--exact] [--resolution M] [--channels C]\n"
+    "                       [--threads N] [--repeat N] [--pictures DIR]\n"
+    "Every stage of phantom cases against the ones after it, as a Markdown table: 3D error and coverage with the\n"
+    "confidence gate and without (gated | ungated), seconds of each step; then closure and memory.\n"
+    "  --from-first    only the shifts from the first stage of each case\n"
     "  --exact         exact surfaces in place of reconstructed ones: the error of tracking alone\n"
     "  --resolution M  of the projection grid [m], 0.0001 if not given\n"
-    "  --ungated       report vectors of any confidence but 0\n"
+    "  --channels C    what the flow sees: auto, rgb, green, blue or luminance\n"
     "  --threads N     0: all\n"
     "  --repeat N      the least of N runs counts for the times\n"
-    "  --pictures DIR  writes FROM__TO_{before,after,magnitude}.png\n"
+    "  --pictures DIR  writes FROM__TO_{before,after,magnitude,gravity,normal,lateral}.png\n"
     "Exit status: 0 done, 1 failed, 2 bad usage.\n";
 
 struct Options {
-  std::string case_path, pictures;
-  bool exact = false;
+  std::vector<std::string> case_paths;
+  std::string pictures;
+  bool exact = false, from_first = false;
   int repeat = 1;
   ShiftSettings shift;
 };
@@ -48,12 +51,14 @@ bool parse(int argc, char** argv, Options& out) {
     const std::string name = argv[i];
     if (name == "--exact") {
       out.exact = true;
-    } else if (name == "--ungated") {
-      out.shift.inversion.min_confidence = 0;
+    } else if (name == "--from-first") {
+      out.from_first = true;
     } else if (name.compare(0, 2, "--") == 0) {
       if (++i == argc) return false;
       if (name == "--resolution")
         out.shift.frame.resolution = std::atof(argv[i]);
+      else if (name == "--channels")
+        out.shift.registration.channels = argv[i];
       else if (name == "--threads")
         out.shift.setThreads(std::atoi(argv[i]));
       else if (name == "--repeat")
@@ -62,13 +67,11 @@ bool parse(int argc, char** argv, Options& out) {
         out.pictures = argv[i];
       else
         return false;
-    } else if (out.case_path.empty()) {
-      out.case_path = name;
     } else {
-      return false;
+      out.case_paths.push_back(name);
     }
   }
-  return !out.case_path.empty();
+  return !out.case_paths.empty();
 }
 
 cortshift_stereo::Surface seen(PhantomPairs& pairs, int stage, bool exact) {
@@ -88,50 +91,92 @@ cortshift_stereo::Surface seen(PhantomPairs& pairs, int stage, bool exact) {
   return surface;
 }
 
-void run(const Options& options) {
-  const auto scene = std::make_shared<const PhantomScene>(loadPhantomCase(options.case_path));
+/// Every vector that both surfaces have, whatever its confidence.
+DisplacementField ungated(const ShiftResult& result, const InversionSettings& settings) {
+  InversionSettings open = settings;
+  open.min_confidence = 0;
+  const cv::Mat sure(result.flow.size(), CV_32FC1, cv::Scalar(1));
+  return invert(result.field.frame, result.earlier, result.later, result.flow, sure, open);
+}
+
+double foreignShare(const cortshift_tracking_phantom::FieldError& error) {
+  const auto all = static_cast<double>(error.compared_points + error.foreign_points);
+  return all > 0 ? static_cast<double>(error.foreign_points) / all : 0.0;
+}
+
+ShiftResult timed(const cortshift_stereo::Surface& from, const cortshift_stereo::Surface& to,
+                  const Directions& directions, const Options& options) {
+  ShiftResult result;
+  double projection = 1e9, flow = 1e9, inversion = 1e9;
+  for (int i = 0; i < options.repeat; ++i) {
+    result = computeShift(from, to, directions, options.shift);
+    projection = std::min(projection, result.summary.projection_seconds);
+    flow = std::min(flow, result.summary.flow_seconds);
+    inversion = std::min(inversion, result.summary.inversion_seconds);
+  }
+  result.summary.projection_seconds = projection;
+  result.summary.flow_seconds = flow;
+  result.summary.inversion_seconds = inversion;
+  return result;
+}
+
+void writePictures(const ShiftResult& result, const Directions& directions, const std::string& base) {
+  cv::imwrite(base + "_before.png", overlayBefore(result));
+  cv::imwrite(base + "_after.png", overlayAfter(result));
+  cv::imwrite(base + "_magnitude.png", magnitudeMap(result.field));
+  if (directions.gravity_pmr) cv::imwrite(base + "_gravity.png", gravityMap(result.field, *directions.gravity_pmr));
+  cv::imwrite(base + "_normal.png", normalMap(result.field, directions.first_normal_pmr));
+  cv::imwrite(base + "_lateral.png", lateralMap(result.field, directions.first_normal_pmr));
+}
+
+void run(const std::string& case_path, const Options& options) {
+  using cortshift_tracking_phantom::compareWithTruth;
+  const auto scene = std::make_shared<const PhantomScene>(loadPhantomCase(case_path));
   PhantomPairs pairs(scene);
   std::vector<cortshift_stereo::Surface> surfaces;
   for (int stage = 0; stage < scene->stageCount(); ++stage) surfaces.push_back(seen(pairs, stage, options.exact));
   const Directions directions{averageNormal(surfaces[0]), scene->description().gravity_pmr};
-  std::printf("%-32s | error mm: median  95 %%    max | cover | |d| mm       | s: projection flow inversion\n", "pair");
   std::vector<DisplacementField> consecutive;
   DisplacementField direct;
-  for (int from = 0; from < scene->stageCount(); ++from)
+  for (int from = 0; from < (options.from_first ? 1 : scene->stageCount()); ++from)
     for (int to = from + 1; to < scene->stageCount(); ++to) {
       const auto name = [&](int stage) { return scene->description().stages[static_cast<std::size_t>(stage)].name; };
       const auto at = [&](int stage) { return surfaces[static_cast<std::size_t>(stage)]; };
-      ShiftResult result;
-      double projection = 1e9, flow = 1e9, inversion = 1e9;
-      for (int i = 0; i < options.repeat; ++i) {
-        result = computeShift(at(from), at(to), directions, options.shift);
-        projection = std::min(projection, result.summary.projection_seconds);
-        flow = std::min(flow, result.summary.flow_seconds);
-        inversion = std::min(inversion, result.summary.inversion_seconds);
-      }
+      const ShiftResult result = timed(at(from), at(to), directions, options);
       if (to == from + 1) consecutive.push_back(result.field);
       if (from == 0) direct = result.field;
-      const auto error = cortshift_tracking_phantom::compareWithTruth(result.field, *scene, from, to);
-      std::printf("%-32s |       %8.4f %7.4f %7.3f | %4.1f%% | %5.2f +- %5.2f | %.3f %.3f %.3f%s\n",
-                  (name(from) + " -> " + name(to)).c_str(), 1e3 * error.median, 1e3 * error.p95, 1e3 * error.largest,
-                  1e2 * error.coverage, 1e3 * result.summary.magnitude.mean, 1e3 * result.summary.magnitude.sd,
-                  projection, flow, inversion,
-                  error.foreign_points == 0 ? "" : (" foreign " + std::to_string(error.foreign_points)).c_str());
+      const auto gated = compareWithTruth(result.field, *scene, from, to),
+                 open = compareWithTruth(ungated(result, options.shift.inversion), *scene, from, to);
+      const Summary& summary = result.summary;
+      std::printf(
+          "| %s, %s → %s | %.2f ± %.2f | %.3f / %.3f / %.2f | %.1f %% | %.2f %% | %.3f / %.3f / %.2f | %.1f %% | "
+          "%.2f %% | %.2f = %.2f + %.2f + %.2f |\n",
+          scene->description().name.c_str(), name(from).c_str(), name(to).c_str(), 1e3 * summary.magnitude.mean,
+          1e3 * summary.magnitude.sd, 1e3 * gated.median, 1e3 * gated.p95, 1e3 * gated.largest, 1e2 * gated.coverage,
+          1e2 * foreignShare(gated), 1e3 * open.median, 1e3 * open.p95, 1e3 * open.largest, 1e2 * open.coverage,
+          1e2 * foreignShare(open), summary.compute_seconds(), summary.projection_seconds, summary.flow_seconds,
+          summary.inversion_seconds);
       std::fflush(stdout);
-      if (options.pictures.empty()) continue;
-      const std::string base = options.pictures + "/" + name(from) + "__" + name(to);
-      cv::imwrite(base + "_before.png", overlayBefore(result));
-      cv::imwrite(base + "_after.png", overlayAfter(result));
-      cv::imwrite(base + "_magnitude.png", magnitudeMap(result));
+      if (!options.pictures.empty())
+        writePictures(result, directions, options.pictures + "/" + name(from) + "__" + name(to));
     }
-  if (consecutive.size() > 1) {
+  if (consecutive.size() > 1 && !options.from_first) {
     const Closure closure = closureOf(consecutive, direct);
-    std::printf("closure of the consecutive shifts against first -> last: median %.4f mm, 95 %% %.4f mm, %zu points\n",
-                1e3 * closure.median, 1e3 * closure.p95, closure.points);
+    std::printf(
+        "\n%s: closure of the consecutive shifts against first → last: median %.4f mm, 95 %% %.4f mm, %zu points\n\n",
+        scene->description().name.c_str(), 1e3 * closure.median, 1e3 * closure.p95, closure.points);
   }
+}
+
+void runAll(const Options& options) {
+  std::printf(
+      "| shift | length mm | error mm: median / 95 %% / max | coverage | foreign | ungated: error mm | coverage | "
+      "foreign | s = projection + flow + inversion |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+  for (const std::string& case_path : options.case_paths) run(case_path, options);
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
-  std::printf("peak memory %.0f MB, all stages and the phantom included\n", usage.ru_maxrss / 1024.0);
+  std::printf("\npeak memory %.0f MB, all stages and the phantom included\n",
+              static_cast<double>(usage.ru_maxrss) / 1024);
 }
 
 }  // namespace
@@ -147,7 +192,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    run(options);
+    runAll(options);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "shift_benchmark: %s\n", error.what());
     return 1;

@@ -169,6 +169,22 @@ double CorticalTexture::tissueNoise(double x, double y) const {
   return value;
 }
 
+double CorticalTexture::vesselHalfThickness(double x, double y) const {
+  const double origin = -0.5 * 2.4 * settings_.half_extent;
+  const int cx = static_cast<int>(std::floor((x - origin) / kCell)),
+            cy = static_cast<int>(std::floor((y - origin) / kCell));
+  if (cx < 0 || cy < 0 || cx >= cells_per_side_ || cy >= cells_per_side_) return 0;
+  double square = 0;
+  for (const int index : cells_[static_cast<std::size_t>(cy) * cells_per_side_ + cx]) {
+    const Segment& s = segments_[static_cast<std::size_t>(index)];
+    const double ax = s.x1 - s.x0, ay = s.y1 - s.y0;
+    const double t = std::clamp(((x - s.x0) * ax + (y - s.y0) * ay) / (ax * ax + ay * ay), 0.0, 1.0);
+    const double radius = s.r0 + t * (s.r1 - s.r0), distance = std::hypot(x - s.x0 - t * ax, y - s.y0 - t * ay);
+    square = std::max(square, radius * radius - distance * distance);
+  }
+  return std::sqrt(square);
+}
+
 cv::Vec3f CorticalTexture::colour(double x, double y) const {
   double gx, gy;
   const double g = gyralField(x, y, &gx, &gy);

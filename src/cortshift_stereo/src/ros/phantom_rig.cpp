@@ -109,7 +109,7 @@ void PhantomRig::track() {
   std::vector<geometry_msgs::TransformStamped> poses{
       edge("reference", "microscope", tracker_->measure(motion.T_reference_microscope(taken)), stamp)};
   if (const auto tip = motion.T_reference_probe_tip(taken))
-    poses.push_back(edge("reference", "probe_tip", tracker_->measure(*tip), stamp));
+    poses.push_back(edge("reference", "probe_tip", tracker_->measure(*tip, parameters_.probe_jitter), stamp));
   broadcaster_.sendTransform(poses);
 }
 

@@ -2,14 +2,9 @@
 
 #include <chrono>
 
+#include "cortshift_stereo/ros/pose_tree.hpp"
+
 namespace cortshift_stereo {
-namespace {
-
-std::string withoutSlash(const std::string& frame) {
-  return !frame.empty() && frame[0] == '/' ? frame.substr(1) : frame;
-}
-
-}  // namespace
 
 PoseLookup::PoseLookup(double max_pose_gap, double history) : tree_(max_pose_gap, history) {
   node_.setCallbackQueue(&queue_);
@@ -27,17 +22,7 @@ PoseLookup::~PoseLookup() { spinner_->stop(); }
 void PoseLookup::add(const tf2_msgs::TFMessage& message, bool fixed) {
   const std::lock_guard<std::mutex> lock(mutex_);
   noticeClock();
-  for (const geometry_msgs::TransformStamped& edge : message.transforms) {
-    const geometry_msgs::Vector3& t = edge.transform.translation;
-    const geometry_msgs::Quaternion& q = edge.transform.rotation;
-    const std::string parent = withoutSlash(edge.header.frame_id);
-    const std::string child = withoutSlash(edge.child_frame_id);
-    if (fixed)
-      tree_.addFixed(parent, child, {t.x, t.y, t.z}, {q.w, q.x, q.y, q.z});
-    else
-      tree_.addSample(parent, child, static_cast<int64_t>(edge.header.stamp.toNSec()), {t.x, t.y, t.z},
-                      {q.w, q.x, q.y, q.z});
-  }
+  addTransforms(tree_, message, fixed);
   arrived_.notify_all();
 }
 
@@ -58,7 +43,7 @@ Eigen::Isometry3d PoseLookup::lookup(const std::string& target, const std::strin
   noticeClock();
   while (true) {
     try {
-      return tree_.lookup(withoutSlash(target), withoutSlash(source), static_cast<int64_t>(stamp.toNSec()));
+      return poseFrom(tree_, target, source, stamp);
     } catch (const PoseError& error) {
       if (!error.mayHeal() || !ros::ok() || std::chrono::steady_clock::now() >= deadline) throw;
     }

@@ -2,7 +2,6 @@
 
 #include <stereo_msgs/DisparityImage.h>
 
-#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -28,12 +27,6 @@ std::string text(const ros::Time& stamp) {
 
 double now() { return ros::WallTime::now().toSec(); }
 
-bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
-  sensor_msgs::CameraInfo other = b;
-  other.header = a.header;
-  return a == other;
-}
-
 }  // namespace
 
 template <typename Message>
@@ -56,7 +49,10 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
     : parameters_(parameters),
       node_(node),
       poses_(parameters.max_pose_gap),
-      synchroniser_(std::llround(1e9 * parameters.sync_tolerance), parameters.pair_timeout) {
+      synchroniser_(std::llround(1e9 * parameters.sync_tolerance), parameters.pair_timeout),
+      reconstruction_(parameters),
+      collector_(parameters.average) {
+  calibrated_settings_ = reconstruction_.calibratedSettings();
   points_publisher_ = node_.advertise<sensor_msgs::PointCloud2>("surface/points", 2);
   disparity_publisher_ = node_.advertise<stereo_msgs::DisparityImage>("surface/disparity", 2);
   updater_.setHardwareID("none");
@@ -70,13 +66,18 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
   subscribers_.push_back(node_.subscribe<cortshift_msgs::MicroscopeSettings>(
       "microscope/settings", 10, [this](const cortshift_msgs::MicroscopeSettings::ConstPtr& message) {
         const std::lock_guard<std::mutex> lock(input_mutex_);
-        settings_ = *message;
+        settings_.add(message);
       }));
   unpaired_timer_ =
       node_.createWallTimer(ros::WallDuration(0.1), [this](const ros::WallTimerEvent&) { reportUnpaired(); });
   diagnostics_timer_ =
       node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
   worker_ = std::thread([this] { work(); });
+  ros::NodeHandle services("~");
+  services.setCallbackQueue(&service_queue_);  // a request waits for pairs
+  average_service_ = services.advertiseService("average_pairs", &SurfaceReconstruction::averagePairs, this);
+  service_spinner_ = std::make_unique<ros::AsyncSpinner>(2, &service_queue_);
+  service_spinner_->start();
 }
 
 SurfaceReconstruction::~SurfaceReconstruction() {
@@ -85,10 +86,12 @@ SurfaceReconstruction::~SurfaceReconstruction() {
     stop_ = true;
   }
   input_arrived_.notify_all();
+  collector_.close();
+  service_spinner_->stop();
   worker_.join();
 }
 
-void SurfaceReconstruction::receive(Side side, const ros::Time& stamp, const Image& image) {
+void SurfaceReconstruction::receive(Side side, const ros::Time& stamp, const ImageMessage& image) {
   std::optional<Synchroniser::Pair> overtaken;
   {
     const std::lock_guard<std::mutex> lock(input_mutex_);
@@ -110,7 +113,7 @@ void SurfaceReconstruction::reportUnpaired() {
     unpaired = synchroniser_.takeUnpaired(now());
   }
   for (const Synchroniser::Unpaired& image : unpaired)
-    drop("unsynchronised", ros::Time().fromNSec(static_cast<uint64_t>(image.stamp_ns)), image.message());
+    drop({"unsynchronised", image.message()}, ros::Time().fromNSec(static_cast<uint64_t>(image.stamp_ns)));
 }
 
 void SurfaceReconstruction::work() {
@@ -125,132 +128,93 @@ void SurfaceReconstruction::work() {
     const ros::Time stamp = ros::Time().fromNSec(static_cast<uint64_t>(pair->stamp_ns));
     try {
       process(*pair, stamp);
-    } catch (const PairError& error) {
-      drop(error.reason(), stamp, error.what());
-    } catch (const MessageError& error) {
-      drop("image", stamp, std::string("A message cannot be used: ") + error.what() + ".");
-    } catch (const CalibrationError& error) {
-      drop("calibration", stamp, std::string("The calibration is refused: ") + error.what() + ".");
-    } catch (const PoseError& error) {
-      drop("pose", stamp, std::string("The pose of the camera is not known: ") + error.what() + ".");
     } catch (const std::exception& error) {
-      drop("internal", stamp, std::string("The pair could not be processed: ") + error.what() + ".");
+      drop(dropReason(error), stamp);
     }
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    calibrated_settings_ = reconstruction_.calibratedSettings();
   }
 }
 
 void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::Time& stamp) {
-  const auto decode = [](const Image& image) {
-    return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
+  const auto pose_at = [this](const std::string& target, const std::string& source, const ros::Time& time) {
+    return poses_.lookup(target, source, time, ros::WallDuration(parameters_.pose_timeout));
   };
-  const std::shared_ptr<const Rectifier> rectifier = this->rectifier();
-  checkSettings();
-  ReconstructionResult result =
-      reconstruct(decode(pair.left), decode(pair.right), *rectifier, parameters_.reconstruction);
-  // Asked for last: the tracker's sample after the stamp has had the time of the reconstruction to arrive.
-  const Eigen::Isometry3d T_pmr_left = poses_.lookup(parameters_.map_frame, parameters_.camera_frame, stamp,
-                                                     ros::WallDuration(parameters_.pose_timeout));
-  const std::size_t averaged = average(stamp, T_pmr_left, result);
-  Surface surface_pmr = result.surface_left;
-  surface_pmr.points = transformPoints(T_pmr_left, result.surface_left.points);
-
+  const PairMessages messages = gather(pair, stamp);
+  const PairSurface surface = reconstruction_(messages, pose_at);
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    if (settings_.at(stamp) != messages.settings)
+      throw PairError("settings",
+                      "The microscope's setting at the time of the pair was reported too late: take the pair "
+                      "again.");
+  }
   std_msgs::Header header;
   header.stamp = stamp;
   header.frame_id = parameters_.map_frame;
-  points_publisher_.publish(toPointCloud2(surface_pmr, header));
+  points_publisher_.publish(toPointCloud2(surface.surface_map, header));
   if (disparity_publisher_.getNumSubscribers() > 0) {
     header.frame_id = parameters_.camera_frame;
-    disparity_publisher_.publish(
-        toDisparityImage(result.disparity, rectifier->model(), result.quality.search_range, header));
+    disparity_publisher_.publish(toDisparityImage(surface.result.disparity, surface.frame.rectifier->model(),
+                                                  surface.result.quality.search_range, header));
   }
   {
     const std::lock_guard<std::mutex> lock(status_mutex_);
     ++surfaces_published_;
     last_pair_dropped_ = false;
-    last_quality_ = result.quality;
+    last_quality_ = surface.result.quality;
     last_surface_stamp_ = stamp;
-    last_seconds_ = result.seconds;
-    last_averaged_ = averaged;
+    last_seconds_ = surface.result.seconds;
+    last_averaged_ = surface.averaged;
   }
   publishDiagnostics();
+  collector_.offer(surface.frame);
 }
 
-std::size_t SurfaceReconstruction::average(const ros::Time& stamp, const Eigen::Isometry3d& T_pmr_left,
-                                           ReconstructionResult& result) {
-  if (parameters_.average_pairs == 1) return 1;
-  const auto another = [&](const PastFrame& past) {
-    const Eigen::Isometry3d movement = past.T_pmr_left.inverse() * T_pmr_left;
-    return past.stamp >= stamp || (stamp - past.stamp).toSec() > parameters_.average_window ||
-           past.rectifier != rectifier_ || movement.translation().norm() > parameters_.average_max_translation ||
-           Eigen::AngleAxisd(movement.linear()).angle() > parameters_.average_max_rotation;
-  };
-  past_.erase(std::remove_if(past_.begin(), past_.end(), another), past_.end());
-  if (past_.size() >= static_cast<std::size_t>(parameters_.average_pairs)) past_.erase(past_.begin());
-  past_.push_back(
-      {stamp, T_pmr_left, rectifier_, {result.disparity, result.surface_left.colour, result.surface_left.confidence}});
-  std::vector<Frame> frames;
-  for (const PastFrame& past : past_) frames.push_back(past.frame);
-  ReconstructionResult mean = averageFrames(frames, rectifier_->model());
-  result.disparity = mean.disparity;
-  result.surface_left = mean.surface_left;
-  return frames.size();
+bool SurfaceReconstruction::averagePairs(cortshift_msgs::AveragePairs::Request& request,
+                                         cortshift_msgs::AveragePairs::Response& response) {
+  try {
+    const FrameCollector::Gathered gathered =
+        collector_.await(request.pairs, static_cast<std::int64_t>(request.since.toNSec()),
+                         std::chrono::duration<double>(request.patience.toSec()));
+    ViewFrames::Mean mean = gathered.frames.mean();
+    mean.result.surface_left.points = transformPoints(mean.T_pmr_left, mean.result.surface_left.points);
+    std_msgs::Header header;
+    header.stamp.fromNSec(static_cast<uint64_t>(gathered.last_stamp_ns));
+    header.frame_id = parameters_.map_frame;
+    response.surface = toPointCloud2(mean.result.surface_left, header);
+    response.success = true;
+    response.message = "mean of " + std::to_string(gathered.frames.size()) + " pairs";
+    if (gathered.offered > gathered.frames.size())
+      response.message += "; " + std::to_string(gathered.offered - gathered.frames.size()) +
+                          " more were left out, as the microscope or its setting had moved";
+  } catch (const std::invalid_argument& error) {
+    response.success = false;
+    response.message = error.what();
+  } catch (const CollectionError& error) {
+    response.success = false;
+    response.message = error.what();
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    if (last_pair_dropped_) response.message += "; the last pair was dropped: " + last_drop_->why.message;
+  }
+  if (!response.success) ROS_WARN_STREAM("average_pairs refused: " << response.message);
+  return true;
 }
 
-std::shared_ptr<const Rectifier> SurfaceReconstruction::rectifier() {
-  sensor_msgs::CameraInfoConstPtr left, right;
-  {
-    std::unique_lock<std::mutex> lock(input_mutex_);
-    const auto deadline =
-        std::chrono::steady_clock::now() + std::chrono::duration<double>(parameters_.calibration_timeout);
-    input_arrived_.wait_until(lock, deadline, [this] { return stop_ || (infos_[0] && infos_[1]); });
-    left = infos_[0];
-    right = infos_[1];
-  }
-  if (!left || !right)
-    throw PairError("camera_info", std::string("No camera_info of the ") + (left ? "right" : "left") +
-                                       " camera has arrived: check that the driver or the bag publishes it.");
-  if (!rectifier_ || !sameCalibration(*left, *rectifier_infos_[0]) || !sameCalibration(*right, *rectifier_infos_[1])) {
-    rectifier_ = nullptr;
-    rectifier_ = std::make_shared<const Rectifier>(stereoModelFromInfo(*left, *right));
-    rectifier_infos_[0] = left;
-    rectifier_infos_[1] = right;
-    calibrated_setting_ = parameters_.referenceSetting();
-  }
-  return rectifier_;
+PairMessages SurfaceReconstruction::gather(const Synchroniser::Pair& pair, const ros::Time& stamp) {
+  std::unique_lock<std::mutex> lock(input_mutex_);
+  const auto deadline =
+      std::chrono::steady_clock::now() + std::chrono::duration<double>(parameters_.calibration_timeout);
+  input_arrived_.wait_until(lock, deadline, [this] { return stop_ || (infos_[0] && infos_[1]); });
+  return {stamp, pair.left, pair.right, infos_[0], infos_[1], settings_.at(stamp)};
 }
 
-void SurfaceReconstruction::checkSettings() {
-  std::optional<cortshift_msgs::MicroscopeSettings> settings;
-  {
-    const std::lock_guard<std::mutex> lock(input_mutex_);
-    settings = settings_;
-  }
-  if (!settings) return;  // absent means the reference setting
-  const MicroscopeSetting now{settings->magnification, settings->focal_length};
-  if (!calibrated_setting_) {
-    ROS_WARN_STREAM("no reference setting is configured: magnification "
-                    << now.magnification << " and focal length " << now.focal_length
-                    << " m are taken for those that the calibration in camera_info was made at");
-    calibrated_setting_ = now;
-  }
-  const auto same = [&](double value, double reference) {
-    return std::abs(value - reference) <= parameters_.settings_tolerance * reference;
-  };
-  if (!same(now.magnification, calibrated_setting_->magnification) ||
-      !same(now.focal_length, calibrated_setting_->focal_length))
-    throw PairError("settings", "The microscope is at magnification " + text(now.magnification) + " and focal length " +
-                                    text(now.focal_length) + " m, but the calibration is for magnification " +
-                                    text(calibrated_setting_->magnification) + " and focal length " +
-                                    text(calibrated_setting_->focal_length) +
-                                    " m, and no calibration of other settings is loaded: return to that setting.");
-}
-
-void SurfaceReconstruction::drop(const std::string& reason, const ros::Time& stamp, const std::string& message) {
-  ROS_WARN_STREAM("pair at " << text(stamp) << " dropped (" << reason << "): " << message);
+void SurfaceReconstruction::drop(const DropReason& why, const ros::Time& stamp) {
+  ROS_WARN_STREAM("pair at " << text(stamp) << " dropped (" << why.reason << "): " << why.message);
   {
     const std::lock_guard<std::mutex> lock(status_mutex_);
-    ++drops_[reason];
-    last_drop_ = Drop{reason, message, stamp};
+    ++drops_[why.reason];
+    last_drop_ = Drop{why, stamp};
     last_pair_dropped_ = true;
   }
   publishDiagnostics();
@@ -265,18 +229,19 @@ void SurfaceReconstruction::diagnose(diagnostic_updater::DiagnosticStatusWrapper
   using diagnostic_msgs::DiagnosticStatus;
   const std::lock_guard<std::mutex> lock(status_mutex_);
   if (last_pair_dropped_)
-    status.summary(DiagnosticStatus::WARN, last_drop_->message);
+    status.summary(DiagnosticStatus::WARN, last_drop_->why.message);
   else if (surfaces_published_ == 0)
     status.summary(DiagnosticStatus::WARN, "No stereo pair has arrived yet: check the image topics.");
   else
     status.summary(DiagnosticStatus::OK, "The last pair gave a surface.");
-  status.add("last_drop_reason", last_drop_ ? last_drop_->reason + ": " + last_drop_->message : "");
+  status.add("last_drop_reason", last_drop_ ? last_drop_->why.reason + ": " + last_drop_->why.message : "");
   status.add("last_drop_stamp", last_drop_ ? text(last_drop_->stamp) : "");
   status.add("last_surface_stamp", surfaces_published_ > 0 ? text(last_surface_stamp_) : "");
   status.add("pairs_received", pairs_received_);
   status.add("pairs_overtaken", pairs_overtaken_);
   status.add("surfaces_published", surfaces_published_);
   for (const auto& [reason, count] : drops_) status.add("dropped_" + reason, count);
+  status.add("calibrated_settings", calibrated_settings_);
   if (!last_quality_) return;
   status.add("averaged_pairs", last_averaged_);
   status.add("coverage", text(last_quality_->coverage));

@@ -1,5 +1,7 @@
 #include "simulated_tracker.hpp"
 
+#include <cmath>
+
 namespace cortshift_stereo {
 
 SimulatedTracker::SimulatedTracker(const TrackerSettings& settings)
@@ -14,15 +16,16 @@ bool SimulatedTracker::sees(Stamp time) {
   return time < *next_dropout_;
 }
 
-Eigen::Isometry3d SimulatedTracker::measure(const Eigen::Isometry3d& truth) {
+Eigen::Isometry3d SimulatedTracker::measure(const Eigen::Isometry3d& truth, double more_jitter) {
   const auto deviate = [&](double sigma) -> Eigen::Vector3d {
     Eigen::Vector3d deviation;
     for (double& value : deviation) value = sigma * normal_(random_);
     return deviation;
   };
-  if (settings_.jitter <= 0 && settings_.jitter_angle <= 0) return truth;
+  const double jitter = std::hypot(settings_.jitter, more_jitter);
+  if (jitter <= 0 && settings_.jitter_angle <= 0) return truth;
   Eigen::Isometry3d pose = truth;
-  pose.translation() += deviate(settings_.jitter);
+  pose.translation() += deviate(jitter);
   const Eigen::Vector3d turn = deviate(settings_.jitter_angle);
   if (turn.norm() > 0) pose.linear() = Eigen::AngleAxisd(turn.norm(), turn.normalized()) * truth.linear();
   return pose;

@@ -28,8 +28,8 @@ class SimulatedTracker {
   /// Whether the tools are seen at `time`. Times must not decrease.
   bool sees(Stamp time);
 
-  /// The pose as measured.
-  Eigen::Isometry3d measure(const Eigen::Isometry3d& truth);
+  /// The pose as measured. `more_jitter`: of each coordinate, besides that of the settings [m].
+  Eigen::Isometry3d measure(const Eigen::Isometry3d& truth, double more_jitter = 0);
 
  private:
   TrackerSettings settings_;

@@ -13,14 +13,20 @@ cv::Mat overlayBefore(const ShiftResult& result);
 /// The same with the later stage brought back by the flow; a thin line surrounds what is trusted.
 cv::Mat overlayAfter(const ShiftResult& result);
 
-/// |d| in colours over the grey earlier stage, with a colour bar in mm; blank (dark grey) where there is no vector.
-cv::Mat magnitudeMap(const ShiftResult& result);
+/// |d| in colours, with a colour bar in mm; blank (dark grey) where there is no vector.
+cv::Mat magnitudeMap(const DisplacementField& field);
+
+/// Components of d as in the paper's Table 3. The signed ones: blue against, white none, red along the direction.
+/// @param gravity_pmr, first_normal_pmr unit length
+cv::Mat gravityMap(const DisplacementField& field, const Eigen::Vector3d& gravity_pmr);
+cv::Mat normalMap(const DisplacementField& field, const Eigen::Vector3d& first_normal_pmr);
+cv::Mat lateralMap(const DisplacementField& field, const Eigen::Vector3d& first_normal_pmr);
 
 /// Colour (blue green red) of a value out of [0, 1] on the scale of magnitudeMap.
 cv::Vec3b scaleColour(double value);
 
-/// Upper end of a colour scale over magnitudes [m]: the 99th percentile, rounded up to 1, 1.5, 2, 3, 4, 5, 6, 8
-/// or 10 times a power of ten, and not less than 0.1 mm.
+/// Upper end of a colour scale over the field's magnitudes [m]: their 99th percentile, rounded up to 1, 1.5, 2, 3, 4,
+/// 5, 6, 8 or 10 times a power of ten, and not less than 0.1 mm.
 double scaleEnd(const DisplacementField& field);
 
 }  // namespace cortshift_tracking

@@ -3,17 +3,17 @@
 
 #include <opencv2/core.hpp>
 
+#include "cortshift_tracking/agreement.hpp"
 #include "cortshift_tracking/projection.hpp"
 
 namespace cortshift_tracking {
 
 struct TrustSettings {
   double border = 0.002;         ///< eroded from the border of what both stages show [m], 0 ... 0.02
+  double hole_border = 0.0;      ///< eroded around large holes within [m], 0 ... 0.02
   double glare = 0.97;           ///< darkest channel above which a pixel is a highlight, 0.5 ... 1
   double glare_margin = 0.0004;  ///< around a highlight [m], 0 ... 0.01
-  double match_window = 0.002;   ///< side of the window in which the two images are compared [m], 0.0005 ... 0.02
-  double half_trust = 0.0001;    ///< predicted error of the flow at which its confidence is 0.5 [m], 0.00001 ... 0.01
-  double image_noise = 0.006;    ///< standard deviation of the images' noise, of full scale, 0 ... 0.2
+  AgreementSettings agreement;
 
   /// @throws TrackingError naming the setting, its value and the allowed range.
   void validate() const;
@@ -22,20 +22,17 @@ struct TrustSettings {
 /// CV_8UC1 255 where a projection may take part in the registration: covered once, no highlight.
 cv::Mat usableMask(const Projection& projection, const TrustSettings& settings = {});
 
-/// CV_8UC1 255 further than `border` [grid units] inside the mask's outer boundary and its large holes. Holes into
-/// which no disc of diameter `border` fits do not grow. What is beyond the image counts as outside.
-cv::Mat erodeBorder(const cv::Mat& mask, double border);
+/// CV_8UC1 255 further than `border` [grid units] inside the mask's outer boundary, and further than `hole_border` from
+/// its large holes. Holes into which no disc of diameter `hole_border` fits do not grow. What is beyond the image
+/// counts as outside.
+cv::Mat erodeBorder(const cv::Mat& mask, double border, double hole_border);
 
 /// Part of the earlier surface's projected area that the later surface covers too, 0...1 (0 if there is no area).
 double overlapOf(const Projection& earlier, const Projection& later);
 
-/// CV_32FC1 0...1: the correlation of the earlier image with the later one brought back by the flow, in a window around
-/// each pixel; blood, a changed surface and a wrong match lower it, and so does the lack of texture.
-cv::Mat matchConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
-                        const cv::Mat& earlier_usable, const cv::Mat& later_usable, const TrustSettings& settings = {});
-
-/// Everything that speaks about trust in one number, the weakest cue deciding: CV_32FC1 0...1 over the earlier image,
-/// 0 where the start or the end of a vector is not usable or too near to the border.
+/// Everything that speaks about trust in one number: CV_32FC1 0...1 over the earlier image: probabilityOfMatch, less
+/// where either surface is unsure, and 0 where the start or the end of a vector is not usable or too near to the
+/// border.
 /// @param flow_confidence CV_32FC1 0...1, of the registration
 cv::Mat combineConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
                           const cv::Mat& flow_confidence, const cv::Mat& earlier_usable, const cv::Mat& later_usable,

@@ -7,13 +7,14 @@
 
 namespace cortshift_tracking {
 
-ShiftTrackerParameters ShiftTrackerParameters::load(const ros::NodeHandle& private_node) {
+ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::ParameterSource& source) {
   ShiftTrackerParameters p;
-  cortshift_stereo::ParameterReader reader(private_node);
+  cortshift_stereo::ParameterReader reader(source);
   reader.choice("case_folder", p.case_folder);
   reader.number("capture_timeout", p.capture_timeout, 0.1, 600.0);
   reader.number("max_surface_age", p.max_surface_age, 0.0, 3600.0);
   reader.number("max_pose_gap", p.max_pose_gap, 0.001, 10.0);
+  reader.number("max_speed", p.max_speed, 0.0001, 1.0);
   std::vector<double> gravity;
   reader.numbers("gravity", gravity, 3);
   reader.number("arrow_spacing", p.arrow_spacing, 0.0005, 0.05);
@@ -23,18 +24,23 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const ros::NodeHandle& priva
   reader.number("margin", s.frame.margin, 0.0, 0.02);
   reader.number("max_edge_ratio", s.projection.max_edge_ratio, 2.0, 50.0);
   reader.number("fold_tolerance", s.projection.fold_tolerance, 0.0, 0.01);
-  reader.choice("channels", s.registration.channels, {"rgb", "green", "blue", "luminance"});
-  reader.number("more_rounds", s.registration.more_rounds, 0, 5);
+  reader.choice("channels", s.registration.channels, {"auto", "rgb", "green", "blue", "luminance"});
+  reader.number("detail", s.registration.detail, 0.5, 100.0);
+  reader.number("bend", s.registration.bend, 0.01, 1000.0);
+  reader.number("search", s.registration.search, 0.001, 0.05);
+  reader.number("coarse_resolution", s.registration.coarse_resolution, 0.00005, 0.002);
+  reader.number("coarse_rounds", s.registration.coarse_rounds, 0, 10);
   std::string inversion = "linear";
   reader.choice("inversion", inversion, {"linear", "nearest"});
   s.inversion.interpolation = inversion == "linear" ? Interpolation::kLinear : Interpolation::kNearest;
   reader.number("min_confidence", s.inversion.min_confidence, 0.0, 1.0);
   reader.number("border", s.trust.border, 0.0, 0.02);
+  reader.number("hole_border", s.trust.hole_border, 0.0, 0.02);
   reader.number("glare", s.trust.glare, 0.5, 1.0);
   reader.number("glare_margin", s.trust.glare_margin, 0.0, 0.01);
-  reader.number("match_window", s.trust.match_window, 0.0005, 0.02);
-  reader.number("half_trust", s.trust.half_trust, 0.00001, 0.01);
-  reader.number("image_noise", s.trust.image_noise, 0.0, 0.2);
+  reader.number("match_window", s.trust.agreement.window, 0.0005, 0.02);
+  reader.number("image_noise", s.trust.agreement.image_noise, 0.0, 0.2);
+  reader.flag("own_points", s.with_own_points);
   reader.flag("strain", s.with_strain);
   reader.number("strain_window", s.strain.window, 0.0005, 0.02);
   reader.choice("exclusions", p.exclusions);

@@ -1,11 +1,14 @@
 #include "cortshift_tracking/ros/shift_tracker.hpp"
 
+#include <cortshift_msgs/AveragePairs.h>
 #include <cortshift_msgs/TriggerCapture.h>
 #include <cv_bridge/cv_bridge.h>
 #include <sensor_msgs/Image.h>
 
+#include <boost/make_shared.hpp>
 #include <chrono>
 #include <cstdlib>
+#include <functional>
 #include <future>
 #include <thread>
 
@@ -13,12 +16,15 @@
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/pictures.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
+#include "cortshift_tracking/ros/health.hpp"
 #include "cortshift_tracking/ros/markers.hpp"
+#include "cortshift_tracking/ros/stage_record.hpp"
 
 namespace cortshift_tracking {
 namespace {
 
 const char* const kTrigger = "/stereo_driver/trigger";
+const char* const kAverage = "/surface_reconstruction/average_pairs";
 const char* const kReconstructionStatus = "surface_reconstruction: surface";
 const ros::WallDuration kPoseWait(0.5);  // for tracker samples that are still under way
 
@@ -41,40 +47,34 @@ std::string caseFolder(const ShiftTrackerParameters& parameters) {
   return (ros_home != nullptr ? std::string(ros_home) : std::string(home) + "/.ros") + "/cortshift/case-" + run;
 }
 
-std::string withoutSlash(const std::string& frame) {
-  return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
+SurfaceInbox::Deadline deadlineAfter(double seconds) {
+  return std::chrono::steady_clock::now() +
+         std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(seconds));
 }
 
-geometry_msgs::Pose unknownPose() {
-  geometry_msgs::Pose pose;
-  pose.position.x = pose.position.y = pose.position.z = kUnknown;
-  pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = kUnknown;
-  return pose;
-}
-
-/// Fires the driver. A driver that hangs is left behind when the deadline passes.
-/// @return stamp of the pair
-ros::Time fireTrigger(ros::ServiceClient trigger, SurfaceInbox::Deadline deadline) {
+/// Fires the driver. A driver that hangs, or one behind a cable that is out, is left behind when the deadline passes.
+/// @return stamp of the pair; nothing where there is no driver
+std::optional<ros::Time> fireTrigger(ros::ServiceClient trigger, SurfaceInbox::Deadline deadline) {
   struct Call {
     cortshift_msgs::TriggerCapture service;
+    bool exists = false;
     std::promise<bool> answered;
   };
   const auto call = std::make_shared<Call>();
   std::future<bool> answered = call->answered.get_future();
-  std::thread([call, trigger]() mutable { call->answered.set_value(trigger.call(call->service)); }).detach();
+  std::thread([call, trigger]() mutable {
+    call->exists = trigger.exists();
+    call->answered.set_value(call->exists && trigger.call(call->service));
+  }).detach();
   if (answered.wait_until(deadline) != std::future_status::ready)
-    throw TrackingError(std::string("the driver did not answer ") + kTrigger + "; check the cameras");
-  if (!answered.get()) throw TrackingError(std::string("the call of ") + kTrigger + " failed; check the driver");
+    throw TrackingError(std::string("the driver did not answer ") + kTrigger +
+                        "; check the cameras, and the network where the driver runs on another machine");
+  const bool done = answered.get();
+  if (!call->exists) return std::nullopt;
+  if (!done) throw TrackingError(std::string("the call of ") + kTrigger + " failed; check the driver");
   if (!call->service.response.success)
     throw TrackingError("the driver took no pair: " + call->service.response.message);
   return call->service.response.stamp;
-}
-
-diagnostic_msgs::KeyValue entry(const std::string& key, const std::string& value) {
-  diagnostic_msgs::KeyValue pair;
-  pair.key = key;
-  pair.value = value;
-  return pair;
 }
 
 }  // namespace
@@ -90,6 +90,7 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
     : parameters_(parameters),
       store_(caseFolder(parameters)),
       poses_(parameters.max_pose_gap),
+      pose_watch_(poses_, parameters.max_speed),
       gravity_pmr_(parameters.gravity_pmr),
       status_(std::make_unique<Status>()),
       service_node_(private_node) {
@@ -100,6 +101,8 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
   service_node_.setCallbackQueue(&service_queue_);
   pairs_ = std::make_unique<PairHistory>(data_node_);
   surfaces_ = data_node_.subscribe("/surface/points", 2, &ShiftTracker::onSurface, this);
+  fixed_ = data_node_.subscribe<tf2_msgs::TFMessage>(
+      "/tf_static", 100, [this](const tf2_msgs::TFMessageConstPtr& message) { registration_.add(*message); });
   diagnostics_in_ = data_node_.subscribe("/diagnostics", 20, &ShiftTracker::onDiagnostics, this);
 
   field_ = data_node_.advertise<cortshift_msgs::DisplacementField>("/shift/field", 1, true);
@@ -108,17 +111,26 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
   overlay_before_ = data_node_.advertise<sensor_msgs::Image>("/shift/overlay_before", 1, true);
   overlay_after_ = data_node_.advertise<sensor_msgs::Image>("/shift/overlay_after", 1, true);
   magnitude_ = data_node_.advertise<sensor_msgs::Image>("/shift/magnitude", 1, true);
+  gravity_ = data_node_.advertise<sensor_msgs::Image>("/shift/gravity", 1, true);
+  normal_ = data_node_.advertise<sensor_msgs::Image>("/shift/normal", 1, true);
+  lateral_ = data_node_.advertise<sensor_msgs::Image>("/shift/lateral", 1, true);
+  if (parameters_.shift.with_own_points)
+    own_points_ = data_node_.advertise<sensor_msgs::PointCloud2>("/shift/own_points", 1, true);
   diagnostics_ = data_node_.advertise<diagnostic_msgs::DiagnosticArray>("/diagnostics", 10);
   trigger_ = service_node_.serviceClient<cortshift_msgs::TriggerCapture>(kTrigger);
+  average_ = service_node_.serviceClient<cortshift_msgs::AveragePairs>(kAverage);
   timer_ = data_node_.createWallTimer(ros::WallDuration(1.0), &ShiftTracker::onTimer, this);
 
   // Services last: a request finds everything in place. Data flow on threads of their own while a request waits.
   data_spinner_ = std::make_unique<ros::AsyncSpinner>(2, &data_queue_);
   data_spinner_->start();
   capture_ = service_node_.advertiseService("capture_stage", &ShiftTracker::onCapture, this);
+  capture_mean_ = service_node_.advertiseService("capture_mean_stage", &ShiftTracker::onCaptureMean, this);
   list_ = service_node_.advertiseService("list_stages", &ShiftTracker::onList, this);
   delete_ = service_node_.advertiseService("delete_stage", &ShiftTracker::onDelete, this);
   compute_ = service_node_.advertiseService("compute_shift", &ShiftTracker::onCompute, this);
+  compute_across_epochs_ =
+      service_node_.advertiseService("compute_shift_across_epochs", &ShiftTracker::onComputeAcrossEpochs, this);
   set_gravity_ = service_node_.advertiseService("set_gravity", &ShiftTracker::onGravity, this);
   exclude_ = service_node_.advertiseService("exclude_regions", &ShiftTracker::onExclude, this);
   track_ = service_node_.advertiseService("track", &ShiftTracker::onTrack, this);
@@ -134,49 +146,109 @@ ShiftTracker::~ShiftTracker() {
 
 bool ShiftTracker::onCapture(cortshift_msgs::CaptureStage::Request& request,
                              cortshift_msgs::CaptureStage::Response& response) {
+  capture(request.key, request.note, 1, response);
+  return true;
+}
+
+bool ShiftTracker::onCaptureMean(cortshift_msgs::CaptureMeanStage::Request& request,
+                                 cortshift_msgs::CaptureMeanStage::Response& response) {
+  capture(request.key, request.note, request.pairs, response);
+  return true;
+}
+
+template <typename Response>
+void ShiftTracker::capture(const std::string& key, const std::string& note, unsigned int pairs, Response& response) {
   try {
-    store_.requireFree(request.key);  // before anything is fired
+    store_.requireFree(key);  // before anything is fired
     const std::lock_guard<std::mutex> guard(capture_mutex_);
-    const sensor_msgs::PointCloud2ConstPtr surface = awaitSurface(request.key);
     std::string remarks;
-    const StageRecord record = makeRecord(request.key, request.note, surface, remarks);
-    store_.add(record);
+    StageRecord record;
+    record.surface = pairs == 1 ? awaitSurface(key) : awaitMean(key, pairs, remarks);
+    record.info.key = key;
+    record.info.note = note;
+    record.info.stamp = record.surface->header.stamp;
+    requireTrustworthyPose(key, record.info.stamp);
+    pairs_->fill(record);
+    remarks +=
+        completeStage(record, [this](const std::string& target, const std::string& source, const ros::Time& stamp) {
+          return poses_.lookup(target, source, stamp, kPoseWait);
+        });
+    response.stage = store_.add(record);
     response.success = true;
-    response.stage = record.info;
-    response.message = "stage '" + request.key + "' is stored (" + std::to_string(record.info.valid_points) +
-                       " points, " + std::to_string(static_cast<int>(100 * record.info.coverage)) + " % of the image)" +
-                       remarks;
+    response.message = "stage '" + key + "' is stored (" + std::to_string(record.info.valid_points) + " points, " +
+                       std::to_string(static_cast<int>(100 * record.info.coverage)) + " % of the image)" + remarks;
     ROS_INFO_STREAM(response.message);
   } catch (const std::exception& error) {  // whatever a request does, the node goes on
     response.success = false;
     response.message = error.what();
-    ROS_WARN_STREAM("capture_stage refused: " << error.what());
+    ROS_WARN_STREAM("capture refused: " << error.what());
     const std::lock_guard<std::mutex> guard(status_mutex_);
     status_->last_refusal = error.what();
   }
-  return true;
+}
+
+sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitMean(const std::string& key, unsigned int pairs,
+                                                         std::string& remarks) {
+  const std::string refusal = "stage '" + key + "' was not captured: ";
+  if (!average_.exists())
+    throw TrackingError(refusal + "nobody offers " + kAverage + "; check that surface_reconstruction runs");
+  // The reconstruction gathers while pairs are fired here, or come from a bag or a camera that runs free.
+  const auto call = std::make_shared<cortshift_msgs::AveragePairs>();
+  call->request.pairs = pairs;
+  call->request.since = ros::Time::now();
+  call->request.patience = ros::Duration(parameters_.capture_timeout);
+  ros::ServiceClient average = average_;
+  std::future<bool> answered =
+      std::async(std::launch::async, [call, average]() mutable { return average.call(*call); });
+  const auto isAnswered = [&] { return answered.wait_for(std::chrono::milliseconds(20)) == std::future_status::ready; };
+  while (!isAnswered()) {
+    std::optional<ros::Time> stamp;
+    try {
+      stamp = fireTrigger(trigger_, deadlineAfter(parameters_.capture_timeout));
+    } catch (const TrackingError& error) {
+      throw TrackingError(refusal + error.what());
+    }
+    if (!stamp) break;
+    // One at a time, so that none overtakes another. A pair that gives no surface is replaced while patience lasts.
+    const SurfaceInbox::Deadline enough = deadlineAfter(parameters_.capture_timeout / 4);
+    while (!isAnswered() && std::chrono::steady_clock::now() < enough &&
+           !inbox_.waitSince(*stamp, deadlineAfter(0.05))) {
+    }
+  }
+  if (!answered.get()) throw TrackingError(refusal + "the call of " + kAverage + " failed");
+  if (!call->response.success) throw TrackingError(refusal + call->response.message);
+  remarks = "; " + call->response.message;
+  return boost::make_shared<sensor_msgs::PointCloud2>(std::move(call->response.surface));
 }
 
 sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitSurface(const std::string& key) {
-  const auto deadline =
-      std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-                                             std::chrono::duration<double>(parameters_.capture_timeout));
-  if (trigger_.exists()) {
-    ros::Time stamp;
-    try {
-      stamp = fireTrigger(trigger_, deadline);
-    } catch (const TrackingError& error) {
-      throw TrackingError("stage '" + key + "' was not captured: " + error.what());
-    }
-    if (auto surface = inbox_.waitSince(stamp, deadline)) return surface;
+  const SurfaceInbox::Deadline deadline = deadlineAfter(parameters_.capture_timeout);
+  std::optional<ros::Time> stamp;
+  try {
+    pose_watch_.requireSeen();
+    stamp = fireTrigger(trigger_, deadline);
+  } catch (const TrackingError& error) {
+    throw TrackingError("stage '" + key + "' was not captured: " + error.what());
+  }
+  if (stamp) {
+    if (auto surface = inbox_.waitSince(*stamp, deadline)) return surface;
     throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
-                        " no surface of the pair at " + std::to_string(stamp.toSec()) + " arrived on /surface/points" +
+                        " no surface of the pair at " + std::to_string(stamp->toSec()) + " arrived on /surface/points" +
                         whyNoSurface());
   }
   if (auto surface = inbox_.waitForRecent(ros::Duration(parameters_.max_surface_age), deadline)) return surface;
   throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
                       " no surface arrived on /surface/points that is at most " + seconds(parameters_.max_surface_age) +
                       " older than the request" + whyNoSurface());
+}
+
+void ShiftTracker::requireTrustworthyPose(const std::string& key, const ros::Time& stamp) const {
+  try {
+    registration_.requireSettled(stamp);
+    pose_watch_.requireStill(stamp);
+  } catch (const TrackingError& error) {
+    throw TrackingError("stage '" + key + "' was not captured: " + error.what());
+  }
 }
 
 std::string ShiftTracker::whyNoSurface() const {
@@ -195,59 +267,6 @@ std::string ShiftTracker::whyNoSurface() const {
   return why;
 }
 
-StageRecord ShiftTracker::makeRecord(const std::string& key, const std::string& note,
-                                     const sensor_msgs::PointCloud2ConstPtr& surface, std::string& remarks) {
-  const cortshift_stereo::Surface converted = cortshift_stereo::surfaceFromPointCloud2(*surface);
-  averageNormal(converted);  // a surface that no shift can be computed from is refused now
-  StageRecord record;
-  record.surface = surface;
-  record.info.key = key;
-  record.info.note = note;
-  record.info.stamp = surface->header.stamp;
-  record.info.valid_points = 0;
-  for (auto it = converted.points.begin<cv::Vec3f>(); it != converted.points.end<cv::Vec3f>(); ++it)
-    if ((*it)[0] == (*it)[0]) ++record.info.valid_points;
-  record.info.coverage = record.info.valid_points / static_cast<double>(converted.points.total());
-  pairs_->fill(record);
-  const bool has_pair = (record.left && record.right) || (record.left_compressed && record.right_compressed);
-  if (!has_pair) remarks += "; without its raw pair, which was not seen";
-  if (record.settings) {
-    record.info.settings = *record.settings;
-  } else {
-    record.info.settings.header.stamp = record.info.stamp;
-    record.info.settings.magnification = record.info.settings.focal_length = kUnknown;
-  }
-  addTransforms(record, remarks);
-  return record;
-}
-
-void ShiftTracker::addTransforms(StageRecord& record, std::string& remarks) {
-  const ros::Time& stamp = record.info.stamp;
-  try {
-    record.info.camera_pose = cortshift_stereo::toPose(poses_.lookup("pmr", "left_optical", stamp, kPoseWait));
-  } catch (const std::exception& error) {
-    record.info.camera_pose = unknownPose();
-    remarks += std::string("; camera pose not known: ") + error.what();
-    return;
-  }
-  const auto edge = [&](const char* parent, const char* child) {
-    geometry_msgs::TransformStamped transform;
-    transform.header.stamp = stamp;
-    transform.header.frame_id = parent;
-    transform.child_frame_id = child;
-    transform.transform = cortshift_stereo::toTransform(poses_.lookup(parent, child, stamp, ros::WallDuration(0)));
-    return transform;
-  };
-  try {
-    record.tf_static.transforms = {edge("pmr", "reference"), edge("microscope", "left_optical"),
-                                   edge("left_optical", "right_optical")};
-    record.tf.transforms = {edge("reference", "microscope")};
-  } catch (const cortshift_stereo::PoseError&) {  // a tree without those frames in between
-    record.tf_static.transforms.clear();
-    record.tf.transforms = {edge("pmr", "left_optical")};
-  }
-}
-
 bool ShiftTracker::onList(cortshift_msgs::ListStages::Request&, cortshift_msgs::ListStages::Response& response) {
   response.stages = store_.list();
   return true;
@@ -259,7 +278,6 @@ bool ShiftTracker::onDelete(cortshift_msgs::DeleteStage::Request& request,
     const std::lock_guard<std::mutex> guard(compute_mutex_);
     store_.remove(request.key);
     regions_.erase(request.key);  // a later stage of this key is another one
-    if (first_key_ == request.key) first_key_.clear();
     response.success = true;
     response.message = "stage '" + request.key + "' is deleted";
     ROS_INFO_STREAM(response.message);
@@ -272,24 +290,26 @@ bool ShiftTracker::onDelete(cortshift_msgs::DeleteStage::Request& request,
 
 bool ShiftTracker::onCompute(cortshift_msgs::ComputeShift::Request& request,
                              cortshift_msgs::ComputeShift::Response& response) {
+  return compute(request, response, false);
+}
+
+bool ShiftTracker::onComputeAcrossEpochs(cortshift_msgs::ComputeShift::Request& request,
+                                         cortshift_msgs::ComputeShift::Response& response) {
+  return compute(request, response, true);
+}
+
+bool ShiftTracker::compute(const cortshift_msgs::ComputeShift::Request& request,
+                           cortshift_msgs::ComputeShift::Response& response, bool across_epochs) {
   try {
     const std::lock_guard<std::mutex> guard(compute_mutex_);
-    const std::size_t from = store_.indexOf(request.from_key), to = store_.indexOf(request.to_key);
-    if (from == to)
-      throw TrackingError("from and to are both stage '" + request.from_key + "'; give two different stages");
-    if (from > to)
-      throw TrackingError("stage '" + request.from_key + "' was captured after '" + request.to_key +
-                          "'; the shift goes from an earlier to a later stage: swap the two");
-    const StageRecord earlier = store_.load(request.from_key), later = store_.load(request.to_key);
     const auto excluded = regions_.find(request.from_key);
-    const ShiftResult result =
-        computeShift(cortshift_stereo::surfaceFromPointCloud2(*earlier.surface),
-                     cortshift_stereo::surfaceFromPointCloud2(*later.surface), directions(), parameters_.shift,
-                     excluded == regions_.end() ? std::vector<Region>() : excluded->second);
-    publish(result, earlier.info, later.info);
+    const StageShift shift =
+        computeStageShift(store_, request.from_key, request.to_key, first_normal_, gravity_pmr_, parameters_.shift,
+                          excluded == regions_.end() ? std::vector<Region>() : excluded->second, across_epochs);
+    publish(shift.result, shift.from, shift.to, false);
     response.success = true;
-    response.summary = toMessage(result.summary, request.from_key, request.to_key);
-    response.message = "shift " + request.from_key + " to " + request.to_key + ": " + toText(result.summary);
+    response.summary = toMessage(shift.result.summary, request.from_key, request.to_key);
+    response.message = "shift " + request.from_key + " to " + request.to_key + ": " + toText(shift.result.summary);
     ROS_INFO_STREAM(response.message);
     const std::lock_guard<std::mutex> status_guard(status_mutex_);
     status_->last_shift = response.message;
@@ -303,14 +323,7 @@ bool ShiftTracker::onCompute(cortshift_msgs::ComputeShift::Request& request,
   return true;
 }
 
-Directions ShiftTracker::directions() {
-  const std::string key = store_.list().front().key;
-  if (key != first_key_) {
-    first_normal_ = averageNormal(cortshift_stereo::surfaceFromPointCloud2(*store_.load(key).surface));
-    first_key_ = key;
-  }
-  return {first_normal_, gravity_pmr_};
-}
+Directions ShiftTracker::directions() { return {first_normal_.of(store_), gravity_pmr_}; }
 
 bool ShiftTracker::onGravity(cortshift_msgs::SetGravity::Request& request,
                              cortshift_msgs::SetGravity::Response& response) {
@@ -381,6 +394,7 @@ void ShiftTracker::trackLoop(const std::string& key) {
   std::optional<Reference> reference;
   cortshift_msgs::StageInfo from;
   unsigned long seen = 0;
+  cv::Mat prediction;  // from the field before
   while (tracking_) {
     try {
       if (!reference) {
@@ -394,14 +408,18 @@ void ShiftTracker::trackLoop(const std::string& key) {
       if (!surface) continue;
       cortshift_msgs::StageInfo to;  // a surface that is no stage has no key
       to.stamp = surface->header.stamp;
+      if (!sameRegistration(from.registration, registration_.newest()))
+        throw TrackingError("the patient registration has changed since this stage; track from one of the new epoch");
       const std::lock_guard<std::mutex> guard(compute_mutex_);
-      const ShiftResult result =
-          computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface), directions(), settings);
-      publish(result, from, to);
+      const ShiftResult result = computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface),
+                                              directions(), settings, prediction);
+      prediction = predictionOf(result.flow, result.field.confidence);
+      publish(result, from, to, true);
       const std::lock_guard<std::mutex> status_guard(status_mutex_);
       ++status_->tracked;
       status_->last_shift = "live from " + key + ": " + toText(result.summary);
     } catch (const std::exception& error) {  // the next surface may be better
+      prediction.release();
       ROS_WARN_STREAM_THROTTLE(2, "tracking from '" << key << "': " << error.what());
       {
         const std::lock_guard<std::mutex> guard(status_mutex_);
@@ -413,23 +431,31 @@ void ShiftTracker::trackLoop(const std::string& key) {
 }
 
 void ShiftTracker::publish(const ShiftResult& result, const cortshift_msgs::StageInfo& from,
-                           const cortshift_msgs::StageInfo& to) {
+                           const cortshift_msgs::StageInfo& to, bool live) {
   const cortshift_msgs::DisplacementField field = toMessage(result.field, result.summary, from, to);
   points_.publish(field.points);
   markers_.publish(arrowsOf(result.field, field.header, parameters_.arrow_spacing));
-  const auto picture = [&](const ros::Publisher& publisher, const cv::Mat& image) {
-    publisher.publish(cv_bridge::CvImage(field.header, "bgr8", image).toImageMsg());
+  // A live field does not wait for pictures that nobody looks at.
+  const auto wanted = [&](const ros::Publisher& publisher) { return !live || publisher.getNumSubscribers() > 0; };
+  const auto picture = [&](const ros::Publisher& publisher, const std::function<cv::Mat()>& draw) {
+    if (wanted(publisher)) publisher.publish(cv_bridge::CvImage(field.header, "bgr8", draw()).toImageMsg());
   };
-  picture(overlay_before_, overlayBefore(result));
-  picture(overlay_after_, overlayAfter(result));
-  picture(magnitude_, magnitudeMap(result));
+  const Directions to_measure = directions();
+  picture(overlay_before_, [&] { return overlayBefore(result); });
+  picture(overlay_after_, [&] { return overlayAfter(result); });
+  picture(magnitude_, [&] { return magnitudeMap(result.field); });
+  if (to_measure.gravity_pmr) picture(gravity_, [&] { return gravityMap(result.field, *to_measure.gravity_pmr); });
+  picture(normal_, [&] { return normalMap(result.field, to_measure.first_normal_pmr); });
+  picture(lateral_, [&] { return lateralMap(result.field, to_measure.first_normal_pmr); });
+  if (parameters_.shift.with_own_points && wanted(own_points_))
+    own_points_.publish(ownPointsMessage(result, field.header));
   field_.publish(field);
 }
 
 void ShiftTracker::onSurface(const sensor_msgs::PointCloud2ConstPtr& surface) {
   std::string reason;
   try {
-    if (withoutSlash(surface->header.frame_id) != "pmr")
+    if (cortshift_stereo::withoutSlash(surface->header.frame_id) != "pmr")
       throw TrackingError("its frame is '" + surface->header.frame_id + "', not pmr");
     cortshift_stereo::surfaceFromPointCloud2(*surface);
     inbox_.put(surface);
@@ -459,6 +485,8 @@ void ShiftTracker::onTimer(const ros::WallTimerEvent&) {
   diagnostic_msgs::DiagnosticArray message;
   message.header.stamp = ros::Time::now();
   message.status.resize(2);
+  message.status.push_back(poseStatus(pose_watch_, parameters_.max_pose_gap, parameters_.max_speed));
+  message.status.push_back(caseStatus(store_));
   diagnostic_msgs::DiagnosticStatus &stages = message.status[0], &surfaces = message.status[1];
   stages.name = "shift_tracker: stages";
   const std::vector<std::string>& aside = store_.setAside();

@@ -1,34 +1,12 @@
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
-#include <sys/mman.h>
-#include <unistd.h>
 
-#include <cerrno>
-#include <cstring>
-
-#include "cortshift_tracking/durable_file.hpp"
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/ros/memory_bag.hpp"
 #include "cortshift_tracking/ros/stage_store.hpp"
 
 namespace cortshift_tracking {
 namespace {
-
-/// A file in memory with a name that rosbag can open. A bag's destructor writes its index and so must not meet a full
-/// disk; a file in memory can then be written out with every error in our own hands.
-class MemoryFile {
- public:
-  MemoryFile() : descriptor_(::memfd_create("stage", MFD_CLOEXEC)) {
-    if (descriptor_ < 0) throw TrackingError(std::string("no memory for the stage's file: ") + std::strerror(errno));
-  }
-  ~MemoryFile() { ::close(descriptor_); }
-  MemoryFile(const MemoryFile&) = delete;
-  MemoryFile& operator=(const MemoryFile&) = delete;
-
-  std::string path() const { return "/proc/self/fd/" + std::to_string(descriptor_); }
-
- private:
-  int descriptor_;
-};
 
 template <typename Message>
 void write(rosbag::Bag& bag, const char* topic, const ros::Time& stamp,
@@ -44,10 +22,8 @@ void read(const rosbag::MessageInstance& instance, const char* topic, boost::sha
 }  // namespace
 
 std::string toBag(const StageRecord& record) {
-  const MemoryFile file;
   const ros::Time stamp = std::max(record.info.stamp, ros::TIME_MIN);
-  try {
-    rosbag::Bag bag(file.path(), rosbag::bagmode::Write);
+  return bagBytes([&](rosbag::Bag& bag) {
     bag.write("/stage/info", stamp, record.info);
     bag.write("/surface/points", stamp, *record.surface);
     write(bag, "/stereo/left/image_raw", stamp, record.left);
@@ -59,11 +35,7 @@ std::string toBag(const StageRecord& record) {
     write(bag, "/microscope/settings", stamp, record.settings);
     if (!record.tf.transforms.empty()) bag.write("/tf", stamp, record.tf);
     if (!record.tf_static.transforms.empty()) bag.write("/tf_static", stamp, record.tf_static);
-    bag.close();
-  } catch (const rosbag::BagException& error) {
-    throw TrackingError(std::string("the stage cannot be written as a bag: ") + error.what());
-  }
-  return readWhole(file.path());
+  });
 }
 
 StageRecord stageFromBag(const std::filesystem::path& path) {

@@ -33,6 +33,9 @@ class CorticalTexture {
   /// The same where relief(x, y) is known already, in about half the time.
   cv::Vec3f colour(double x, double y, const Relief& relief) const;
 
+  /// Half the thickness [m] of the vessel at material point (x, y), taken as a round tube; 0 where there is none.
+  double vesselHalfThickness(double x, double y) const;
+
   /// Gyral relief at (x, y) [m].
   Relief relief(double x, double y) const;
 

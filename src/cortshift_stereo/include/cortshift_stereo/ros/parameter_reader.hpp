@@ -1,7 +1,7 @@
-// Reads a node's private parameters into its parameter struct; what is wrong stops the node with a message.
+// Reads parameters into their struct; what is wrong stops the program with a message.
 #pragma once
 
-#include <ros/ros.h>
+#include <ros/console.h>
 
 #include <set>
 #include <sstream>
@@ -9,18 +9,14 @@
 #include <string>
 #include <vector>
 
-namespace cortshift_stereo {
+#include "cortshift_stereo/ros/parameter_source.hpp"
 
-/// A parameter that is missing, unknown, of the wrong type or out of range. The message names key, value and range.
-class ParameterError : public std::runtime_error {
- public:
-  using std::runtime_error::runtime_error;
-};
+namespace cortshift_stereo {
 
 /// Usage: one call per member of the struct (its initial value is the default), then finish().
 class ParameterReader {
  public:
-  explicit ParameterReader(const ros::NodeHandle& private_node) : node_(private_node) {}
+  explicit ParameterReader(const ParameterSource& source) : source_(source) {}
 
   /// A number within [low, high]; the present value of `value` is the default.
   template <typename Number>
@@ -51,6 +47,16 @@ class ParameterReader {
       fail(key, value, "allowed is a list of " + text(size) + " numbers");
   }
 
+  /// A list of texts.
+  void texts(const std::string& key, std::vector<std::string>& value) { optional(key, value); }
+
+  /// A list or dictionary that the caller takes apart; it stays invalid where nothing is given.
+  void structure(const std::string& key, XmlRpc::XmlRpcValue& value) {
+    known_.insert(key);
+    if (source_.has(key)) source_.get(key, value);
+    log_ << " " << key << "=" << (value.valid() ? value.toXml() : "none");
+  }
+
   /// A text that must be given.
   void required(const std::string& key, std::string& value) {
     value.clear();
@@ -61,25 +67,19 @@ class ParameterReader {
 
   /// Refuses parameters that nobody has read and logs the configuration in force.
   void finish() {
-    std::vector<std::string> names;
-    node_.getParamNames(names);
-    const std::string prefix = node_.getNamespace() + "/";
-    for (const std::string& full : names) {
-      if (full.compare(0, prefix.size(), prefix) != 0) continue;
-      const std::string key = full.substr(prefix.size());
+    for (const std::string& key : source_.keys())
       if (known_.count(key) == 0 && known_.count(key.substr(0, key.find('/'))) == 0)
-        throw ParameterError("parameter " + full + " is unknown; known are:" + knownNames());
-    }
-    ROS_INFO_STREAM("configuration of " << node_.getNamespace() << ":" << log_.str());
+        throw ParameterError("parameter " + name(key) + " is unknown; known are:" + knownNames());
+    ROS_INFO_STREAM("configuration of " << source_.name() << ":" << log_.str());
   }
 
  private:
   template <typename T>
   void optional(const std::string& key, T& value) {
     known_.insert(key);
-    if (node_.hasParam(key)) {
+    if (source_.has(key)) {
       T given{};
-      if (!node_.getParam(key, given))
+      if (!source_.get(key, given))
         throw ParameterError("parameter " + name(key) + " is not of the type of its default (" + text(value) + ")");
       value = given;
     }
@@ -102,15 +102,20 @@ class ParameterReader {
     for (const double v : values) out += (out.size() > 1 ? ", " : "") + text(v);
     return out + "]";
   }
+  static std::string text(const std::vector<std::string>& values) {
+    std::string out = "[";
+    for (const std::string& v : values) out += (out.size() > 1 ? ", " : "") + v;
+    return out + "]";
+  }
 
-  std::string name(const std::string& key) const { return node_.getNamespace() + "/" + key; }
+  std::string name(const std::string& key) const { return source_.name() + "/" + key; }
   std::string knownNames() const {
     std::string out;
     for (const std::string& key : known_) out += " " + key;
     return out;
   }
 
-  ros::NodeHandle node_;
+  ParameterSource source_;
   std::set<std::string> known_;
   std::ostringstream log_;
 };

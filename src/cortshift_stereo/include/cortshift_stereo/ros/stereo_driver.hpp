@@ -13,6 +13,7 @@
 #include <optional>
 #include <string>
 
+#include "cortshift_stereo/ros/live_parameters.hpp"
 #include "cortshift_stereo/stereo_source.hpp"
 
 namespace cortshift_stereo {
@@ -22,12 +23,12 @@ inline Stamp rosNow() { return Stamp(static_cast<Stamp::rep>(ros::Time::now().to
 
 /// Parameters of stereo_driver, each default once.
 struct StereoDriverParameters {
-  std::string source;         ///< which cameras: phantom; must be given
+  std::string source;         ///< which cameras: phantom, aravis or folder; must be given
   double rate = 4.0;          ///< pairs per second, free running; 0: only when triggered
   std::string phantom_case;   ///< path of the case (source phantom)
   std::string stage;          ///< first stage of the phantom; empty: the case's first
   double move_time = 1.0;     ///< of the phantom's microscope between two stages [s]
-  double probe_dwell = 3.0;   ///< time that the phantom's probe rests on each target [s]
+  double probe_dwell = 2.0;   ///< time that the phantom's probe rests on each target [s]
   double probe_travel = 1.0;  ///< and its way to the next [s]
 
   // Simulated tracker of the phantom.
@@ -35,6 +36,7 @@ struct StereoDriverParameters {
   double tracker_latency = 0.0;         ///< from sample to report [s]
   double tracker_jitter = 0.0;          ///< standard deviation of each coordinate [m]
   double tracker_jitter_angle = 0.0;    ///< standard deviation about each axis [rad]
+  double probe_jitter = 0.0;            ///< of the probe's tip, besides [m]
   double tracker_dropouts = 0.0;        ///< mean number of dropouts per second
   double tracker_dropout_length = 0.2;  ///< [s]
   int tracker_seed = 1;
@@ -44,6 +46,8 @@ struct StereoDriverParameters {
   double fault_stamp_offset = 0.0;    ///< of the right image against the left [s]
   bool fault_no_camera_info = false;  ///< camera_info is not published
   bool fault_no_tracker = false;      ///< no pose is published
+
+  LiveParameters live;  ///< sources aravis and folder
 
   /// @throws ParameterError
   static StereoDriverParameters load(const ros::NodeHandle& private_node);

@@ -1,12 +1,11 @@
 // Every parameter of shift_tracker, each default once.
 #pragma once
 
-#include <ros/node_handle.h>
-
 #include <Eigen/Core>
 #include <optional>
 #include <string>
 
+#include "cortshift_stereo/ros/parameter_source.hpp"
 #include "cortshift_tracking/shift.hpp"
 
 namespace cortshift_tracking {
@@ -16,6 +15,7 @@ struct ShiftTrackerParameters {
   double capture_timeout = 10.0;  ///< longest wait for a surface [s, wall], 0.1 ... 600
   double max_surface_age = 2.0;   ///< a surface up to this old is captured at once [s, ROS time], 0 ... 3600
   double max_pose_gap = 0.2;      ///< farthest tracker sample on either side of a stage's stamp [s], 0.001 ... 10
+  double max_speed = 0.005;       ///< of the microscope, or of what it looks at, at a capture [m/s], 0.0001 ... 1
   std::optional<Eigen::Vector3d> gravity_pmr;  ///< direction of gravity, unit length; empty: not known
   double arrow_spacing = 0.003;                ///< between the arrows of /shift/markers [m], 0.0005 ... 0.05
   std::string exclusions;                      ///< YAML file of regions excluded by hand, see readRegions; empty: none
@@ -23,7 +23,7 @@ struct ShiftTrackerParameters {
   ShiftSettings shift;
 
   /// @throws cortshift_stereo::ParameterError naming key, value and what is allowed
-  static ShiftTrackerParameters load(const ros::NodeHandle& private_node);
+  static ShiftTrackerParameters load(const cortshift_stereo::ParameterSource& source);
 };
 
 }  // namespace cortshift_tracking

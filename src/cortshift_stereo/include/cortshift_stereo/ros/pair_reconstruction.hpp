@@ -1,0 +1,79 @@
+// The messages of one pair to its surface: the step that a running node and a recorded case share.
+#pragma once
+
+#include <cortshift_msgs/MicroscopeSettings.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/Image.h>
+
+#include <Eigen/Geometry>
+#include <exception>
+#include <memory>
+#include <string>
+
+#include "cortshift_stereo/rectifier_selector.hpp"
+#include "cortshift_stereo/ros/pose_tree.hpp"
+#include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
+#include "cortshift_stereo/view_frames.hpp"
+
+namespace cortshift_stereo {
+
+/// One of the two is set.
+struct ImageMessage {
+  sensor_msgs::ImageConstPtr raw;
+  sensor_msgs::CompressedImageConstPtr compressed;
+};
+
+struct PairMessages {
+  ros::Time stamp;
+  ImageMessage left, right;
+  sensor_msgs::CameraInfoConstPtr left_info, right_info;  ///< null: none has come
+  cortshift_msgs::MicroscopeSettingsConstPtr settings;  ///< in force at the stamp; null: none has come, which means the
+                                                        ///< reference setting
+};
+
+struct PairSurface {
+  Surface surface_map;  ///< in the map frame (pmr)
+  ReconstructionResult result;
+  std::size_t averaged = 1;  ///< pairs that the surface is the mean of
+  PosedFrame frame;          ///< of this pair alone
+};
+
+/// Whether the two say the same of the camera, whatever their headers.
+bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b);
+
+/// Why a pair gave no surface: a short fixed word for counting, and a sentence for people.
+struct DropReason {
+  std::string reason;
+  std::string message;
+};
+DropReason dropReason(const std::exception& error);
+
+/// Pairs in the order of their stamps, each to a surface. Keeps the rectification of an unchanged calibration and
+/// setting, and what is averaged. Not synchronised.
+class PairReconstruction {
+ public:
+  /// @throws CalibrationError if settings_calibration cannot be used
+  explicit PairReconstruction(const SurfaceReconstructionParameters& parameters);
+
+  /// @param pose_at  asked once, after the reconstruction: the tracker's next sample may still be under way
+  /// @throws PairError, MessageError, CalibrationError, PoseError; see dropReason
+  PairSurface operator()(const PairMessages& pair, const PoseAt& pose_at);
+
+  /// Calibration and settings alone; the images may be missing. @throws PairError, CalibrationError
+  void check(const PairMessages& pair) { rectifierFor(pair); }
+
+  /// Which settings of the microscope can be used, for people.
+  std::string calibratedSettings() const { return rectifiers_.calibratedSettings(); }
+
+ private:
+  void calibrate(const PairMessages& pair);
+  std::shared_ptr<const Rectifier> rectifierFor(const PairMessages& pair);
+
+  SurfaceReconstructionParameters parameters_;
+  sensor_msgs::CameraInfoConstPtr left_info_, right_info_;  // that rectifiers_ is calibrated with
+  RectifierSelector rectifiers_;
+  ViewFrames recent_;
+};
+
+}  // namespace cortshift_stereo

@@ -1,0 +1,90 @@
+#include "cortshift_stereo/ros/pair_reconstruction.hpp"
+
+#include <ros/console.h>
+
+#include <optional>
+#include <utility>
+
+#include "cortshift_stereo/point_transform.hpp"
+#include "cortshift_stereo/ros/conversions.hpp"
+
+namespace cortshift_stereo {
+namespace {
+
+cv::Mat decode(const ImageMessage& image) {
+  return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
+}
+
+std::shared_ptr<const SettingsFields> fieldsOf(const std::string& folder) {
+  if (folder.empty()) return nullptr;
+  return std::make_shared<const SettingsFields>(readSettingsFields(folder));
+}
+
+}  // namespace
+
+bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
+  sensor_msgs::CameraInfo other = b;
+  other.header = a.header;
+  return a == other;
+}
+
+DropReason dropReason(const std::exception& error) {
+  const std::string what = error.what();
+  if (const auto* pair = dynamic_cast<const PairError*>(&error)) return {pair->reason(), what};
+  if (dynamic_cast<const MessageError*>(&error)) return {"image", "A message cannot be used: " + what + "."};
+  if (dynamic_cast<const CalibrationError*>(&error))
+    return {"calibration", "The calibration is refused: " + what + "."};
+  if (dynamic_cast<const PoseError*>(&error)) return {"pose", "The pose of the camera is not known: " + what + "."};
+  return {"internal", "The pair could not be processed: " + what + "."};
+}
+
+PairReconstruction::PairReconstruction(const SurfaceReconstructionParameters& parameters)
+    : parameters_(parameters),
+      rectifiers_(fieldsOf(parameters.settings_calibration), parameters.referenceSetting(),
+                  parameters.settings_tolerance),
+      recent_(parameters.average, static_cast<std::size_t>(parameters.average_pairs)) {}
+
+std::shared_ptr<const Rectifier> PairReconstruction::rectifierFor(const PairMessages& pair) {
+  calibrate(pair);
+  std::optional<MicroscopeSetting> setting;  // absent means the reference
+  if (pair.settings) setting = {pair.settings->magnification, pair.settings->focal_length};
+  if (setting && !rectifiers_.reference())
+    ROS_WARN_STREAM("no reference setting is configured: "
+                    << describe(*setting) << " is taken for the one of the calibration in camera_info");
+  return rectifiers_.at(setting);
+}
+
+PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseAt& pose_at) {
+  PairSurface out;
+  out.frame.rectifier = rectifierFor(pair);
+  out.result = reconstruct(decode(pair.left), decode(pair.right), *out.frame.rectifier, parameters_.reconstruction);
+  out.frame.stamp_ns = static_cast<std::int64_t>(pair.stamp.toNSec());
+  out.frame.T_pmr_left = pose_at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);
+  out.frame.frame = {out.result.disparity, out.result.surface_left.colour, out.result.surface_left.confidence};
+  recent_.add(out.frame);
+  out.averaged = recent_.size();
+  Eigen::Isometry3d T_pmr_surface = out.frame.T_pmr_left;
+  if (out.averaged > 1) {
+    const ViewFrames::Mean mean = recent_.mean();
+    out.result.disparity = mean.result.disparity;
+    out.result.surface_left = mean.result.surface_left;
+    T_pmr_surface = mean.T_pmr_left;
+  }
+  out.surface_map = out.result.surface_left;
+  out.surface_map.points = transformPoints(T_pmr_surface, out.result.surface_left.points);
+  return out;
+}
+
+void PairReconstruction::calibrate(const PairMessages& pair) {
+  const sensor_msgs::CameraInfoConstPtr &left = pair.left_info, &right = pair.right_info;
+  if (!left || !right)
+    throw PairError("camera_info", std::string("No camera_info of the ") + (left ? "right" : "left") +
+                                       " camera has arrived: check that the driver or the bag publishes it.");
+  if (left_info_ && sameCalibration(*left, *left_info_) && sameCalibration(*right, *right_info_)) return;
+  left_info_ = right_info_ = nullptr;
+  rectifiers_.calibrate(stereoModelFromInfo(*left, *right));
+  left_info_ = left;
+  right_info_ = right;
+}
+
+}  // namespace cortshift_stereo

@@ -1,0 +1,35 @@
+// The surface of a recorded pair as a stage, by the rules of a replay.
+#pragma once
+
+#include <string>
+
+#include "cortshift_tracking/offline/case_plan.hpp"
+#include "cortshift_tracking/offline/case_recording.hpp"
+#include "cortshift_tracking/offline/offline_parameters.hpp"
+#include "cortshift_tracking/ros/stage_store.hpp"
+
+namespace cortshift_tracking {
+
+/// As shift_tracker does in a replay, with a reconstruction that takes no time: the surface of the newest pair that is
+/// not older than max_surface_age, else that of the next pair within capture_timeout. A pair that gives no surface is
+/// passed over. Where surfaces are means, each pair of the window takes part.
+class CaseCapture {
+ public:
+  CaseCapture(const CaseRecording& recording, const OfflineParameters& parameters)
+      : recording_(recording), parameters_(parameters) {}
+
+  /// @param remarks  gets what a person should know about what is missing
+  /// @throws TrackingError naming the stage and, of the last pair that was tried, why it gave no surface
+  StageRecord capture(const PlannedCapture& planned, std::string& remarks) const;
+
+ private:
+  StageRecord recordOf(const PairPlace& place) const;
+
+  const CaseRecording& recording_;
+  OfflineParameters parameters_;
+};
+
+/// What a stage keeps of the pair that it was made from, as messages of a pair again.
+cortshift_stereo::PairMessages pairOf(const StageRecord& record);
+
+}  // namespace cortshift_tracking

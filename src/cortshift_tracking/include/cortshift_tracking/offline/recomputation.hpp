@@ -1,0 +1,43 @@
+// A stored stage made again from its raw pair, and how far two results of the same thing lie apart.
+#pragma once
+
+#include <cortshift_msgs/DisplacementField.h>
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "cortshift_stereo/ros/pair_reconstruction.hpp"
+#include "cortshift_tracking/displacement_field.hpp"
+#include "cortshift_tracking/ros/stage_store.hpp"
+
+namespace cortshift_tracking {
+
+/// Bags of a case without opening its store, which would lock it and set files aside.
+struct CaseFiles {
+  std::vector<std::filesystem::path> stages;  ///< in order of capture
+  std::vector<std::filesystem::path> fields;  ///< in order of their names
+};
+
+/// @param folder  with stages in it or in `stages/`, and fields FROM__TO.bag
+/// @throws TrackingError if there is no such folder or no stage in it
+CaseFiles findCase(const std::filesystem::path& folder);
+
+/// @throws TrackingError if the bag holds no DisplacementField on /shift/field
+cortshift_msgs::DisplacementField fieldFromBag(const std::filesystem::path& path);
+
+/// The stage again, from raw pair, calibration, settings and poses of the stored one; key, note and stamp are kept.
+/// @param reconstruct  one for all stages of a case in their order, so that a calibration keeps its setting
+/// @throws TrackingError where the stage keeps no raw pair, and what a reconstruction throws
+StageRecord remakeStage(const StageRecord& stored, cortshift_stereo::PairReconstruction& reconstruct);
+
+/// Lengths in metres over the places that are valid in both; NaN where there is none.
+struct Change {
+  std::size_t before = 0, after = 0, both = 0;  ///< valid places
+  double median = 0, largest = 0;
+};
+
+/// @param before, after  CV_32FC3; of one size
+Change changeOf(const cv::Mat& before, const cv::Mat& after);
+
+}  // namespace cortshift_tracking

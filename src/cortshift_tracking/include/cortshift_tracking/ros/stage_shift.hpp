@@ -1,0 +1,38 @@
+// The shift between two stages of a store: the step that a service call and a recorded case share.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "cortshift_tracking/ros/stage_store.hpp"
+#include "cortshift_tracking/shift.hpp"
+
+namespace cortshift_tracking {
+
+/// The average normal of a case's first stage, which every summary refers to. Remembers it.
+class FirstNormal {
+ public:
+  /// @throws TrackingError if the store is empty
+  Eigen::Vector3d of(const StageStore& store);
+
+ private:
+  std::string key_;
+  ros::Time stamp_;
+  Eigen::Vector3d normal_;
+};
+
+struct StageShift {
+  cortshift_msgs::StageInfo from, to;
+  ShiftResult result;
+};
+
+/// @param excluded regions of the earlier stage's projection frame that take no part
+/// @param across_epochs also between stages of different patient registrations
+/// @throws TrackingError for unknown keys, equal ones, the wrong order or different epochs, and as computeShift
+StageShift computeStageShift(const StageStore& store, const std::string& from_key, const std::string& to_key,
+                             FirstNormal& first_normal, const std::optional<Eigen::Vector3d>& gravity_pmr,
+                             const ShiftSettings& settings, const std::vector<Region>& excluded = {},
+                             bool across_epochs = false);
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,14 @@
+# Python of this package: probe, preoperative MR, validation, report; and its tests.
+catkin_python_setup()
+catkin_install_python(PROGRAMS scripts/case_report scripts/digital_phantom scripts/probe scripts/register_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+if(CATKIN_ENABLE_TESTING)
+  find_package(rostest REQUIRED)
+  set(PROOF_TESTS test_mr test_cross_section test_probe test_validation test_report test_phantom_mr)
+  list(TRANSFORM PROOF_TESTS REPLACE "(.+)" "test/\\1.py")
+  list(JOIN PROOF_TESTS " " PROOF_TESTS)
+  catkin_run_tests_target("pytest" proof "pytest-proof.xml"
+    COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-proof.xml ${PROOF_TESTS}"
+    WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
+  add_rostest(test/probe_node.test)
+  add_rostest(test/demo_case.test DEPENDENCIES shift_tracker field_error)
+endif()

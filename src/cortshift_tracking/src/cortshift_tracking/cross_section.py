@@ -1,0 +1,93 @@
+"""Sections of organised surfaces and of MR volumes by planes across one axis of pmr (paper Figs. 2d, 11a, 12a)."""
+from dataclasses import dataclass
+from typing import Tuple
+
+import numpy as np
+
+#: Axis of pmr that a plane is perpendicular to.
+PLANES = {'sagittal': 0, 'coronal': 1, 'axial': 2}
+#: What the pmr axes point to: (negative end, positive end).
+LETTERS = {'RAS': ('LR', 'PA', 'IS'), 'LPS': ('RL', 'AP', 'IS')}
+
+
+@dataclass(frozen=True)
+class PictureAxes:
+    """How a plane is shown: radiological, so the patient's right is at the left; sagittal with the face at the left."""
+    across: int           # pmr axis that runs horizontally
+    up: int               # pmr axis that runs vertically
+    flip_across: bool     # the axis grows towards the left
+    flip_up: bool         # the axis grows downwards
+    letters: Tuple[str, str, str, str]  # body directions at the left, right, bottom and top of the picture
+
+
+def picture_axes(plane, axes='RAS'):
+    """PictureAxes of 'axial', 'coronal' or 'sagittal' in a pmr with `axes` RAS or LPS."""
+    across, up = {'axial': (0, 1), 'coronal': (0, 2), 'sagittal': (1, 2)}[plane]
+    left_wanted = 'R' if across == 0 else 'A'
+    top_wanted = 'A' if up == 1 else 'S'
+    flip_across = LETTERS[axes][across][0] != left_wanted
+    flip_up = LETTERS[axes][up][1] != top_wanted
+    horizontal = LETTERS[axes][across][::-1 if flip_across else 1]
+    vertical = LETTERS[axes][up][::-1 if flip_up else 1]
+    return PictureAxes(across, up, flip_across, flip_up, tuple(horizontal + vertical))
+
+
+def mr_section(volume, plane, at, low, high, step):
+    """Intensities of a volume on a plane.
+
+    at: coordinate of the plane on its axis [m]. low, high: corners (across, up) of the shown part [m]; step [m].
+    Returns (rows, columns), row 0 at low[1]; NaN outside the volume.
+    """
+    shown = picture_axes(plane, volume.axes)
+    u = np.arange(low[0], high[0] + step / 2, step)
+    v = np.arange(low[1], high[1] + step / 2, step)
+    points = np.empty((len(v), len(u), 3))
+    points[..., PLANES[plane]] = at
+    points[..., shown.across] = u
+    points[..., shown.up] = v[:, None]
+    return volume.sample(points)
+
+
+def median_spacing(points):
+    """Median distance of neighbouring valid points of an organised surface (H, W, 3), in its unit; NaN if none."""
+    lengths = [np.linalg.norm(np.diff(points, axis=axis), axis=-1).ravel() for axis in (0, 1)]
+    lengths = np.concatenate(lengths)
+    lengths = lengths[np.isfinite(lengths)]
+    return float(np.median(lengths)) if len(lengths) else float('nan')
+
+
+def triangles(points, max_edge):
+    """Indices (N, 3) into points.reshape(-1, 3) of the triangles of an organised surface; longer edges are steps, cut."""
+    height, width = points.shape[:2]
+    index = np.arange(height * width).reshape(height, width)
+    a, b, c, d = (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:])
+    corners = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([d, c, b], -1).reshape(-1, 3)])
+    p = points.reshape(-1, 3)[corners]
+    edges = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=-1)
+    return corners[(edges <= max_edge).all(1)]  # NaN compares false
+
+
+def cut(points_pmr, axis, at, max_edge=None):
+    """Section of an organised surface (H, W, 3) [m] by the plane coordinate[axis] = at.
+
+    Linear within each triangle, so exact for the mesh. Returns segments (N, 2, 3) [m].
+    max_edge: longest edge of an uncut triangle [m]; by default six times the surface's median spacing.
+    """
+    points = np.asarray(points_pmr, float)
+    if max_edge is None:
+        max_edge = 6 * median_spacing(points)
+    corners = triangles(points, max_edge)
+    flat = points.reshape(-1, 3)
+    height = flat[:, axis] - at
+    side = height[corners] >= 0
+    crossing = side.any(1) & ~side.all(1)
+    corners, side = corners[crossing], side[crossing]
+    # The corner that is alone on its side; both its edges cross the plane.
+    lone = np.where(side.sum(1) == 1, side.argmax(1), (~side).argmax(1))
+    rows = np.arange(len(corners))
+    segments = np.empty((len(corners), 2, 3))
+    for n, other in enumerate((1, 2)):
+        p, q = corners[rows, lone], corners[rows, (lone + other) % 3]
+        t = height[p] / (height[p] - height[q])
+        segments[:, n] = flat[p] + t[:, None] * (flat[q] - flat[p])
+    return segments

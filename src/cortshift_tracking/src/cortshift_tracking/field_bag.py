@@ -1,0 +1,65 @@
+"""Writes a Field as a bag with a DisplacementField on /shift/field, as process_bag does."""
+import os
+
+import numpy as np
+import rosbag
+import rospy
+from cortshift_msgs.msg import DisplacementField, ShiftSummary
+from geometry_msgs.msg import Pose
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2, PointField
+
+
+def summarise(field, overlap, seconds, gravity_pmr=None):
+    """ShiftSummary of a field against its own plane's normal (section 2.7.2).
+
+    overlap: share of the earlier surface that the later one covers (0-1). seconds: it took. gravity_pmr: unit vector or None.
+    """
+    valid = field.displacement[field.valid]
+    normal = valid @ field.normal_pmr
+    parts = {'magnitude': np.linalg.norm(valid, axis=1), 'normal': normal,
+             'lateral': np.linalg.norm(valid - normal[:, None] * field.normal_pmr, axis=1),
+             'gravity': np.full(len(valid), np.nan) if gravity_pmr is None else valid @ gravity_pmr}
+    values = {}
+    for name, part in parts.items():
+        values[f'{name}_mean'], values[f'{name}_sd'] = float(part.mean()), float(part.std(ddof=1))
+    angle = float('nan') if gravity_pmr is None else float(np.arccos(np.clip(field.normal_pmr @ gravity_pmr, -1, 1)))
+    return ShiftSummary(from_key=field.from_key, to_key=field.to_key, valid_points=len(valid), overlap=overlap,
+                        gravity_normal_angle=angle, compute_time=seconds, **values)
+
+
+def to_message(field, summary):
+    message = DisplacementField(from_key=field.from_key, to_key=field.to_key, from_stamp=rospy.Time.from_sec(field.from_stamp),
+                                to_stamp=rospy.Time.from_sec(field.to_stamp), resolution=field.resolution,
+                                summary=summary)
+    message.header.frame_id, message.header.stamp = 'pmr', message.to_stamp
+    T = field.T_pmr_projection
+    message.projection = Pose()
+    message.projection.position.x, message.projection.position.y, message.projection.position.z = T[:3, 3]
+    q = message.projection.orientation
+    q.x, q.y, q.z, q.w = Rotation.from_matrix(T[:3, :3]).as_quat()
+    colour = field.colour.astype(np.uint32)
+    packed = (colour[..., 0] << 16 | colour[..., 1] << 8 | colour[..., 2]).astype(np.uint32).view(np.float32)
+    columns = [*np.moveaxis(field.start, -1, 0), *np.moveaxis(field.displacement, -1, 0),
+               np.where(field.valid, packed, np.float32(np.nan)), field.confidence]
+    cloud = PointCloud2(header=message.header, height=field.confidence.shape[0], width=field.confidence.shape[1],
+                        point_step=4 * len(columns), is_dense=False)
+    cloud.fields = [PointField(name, 4 * n, PointField.FLOAT32, 1)
+                    for n, name in enumerate(('x', 'y', 'z', 'dx', 'dy', 'dz', 'rgb', 'confidence'))]
+    cloud.row_step = cloud.point_step * cloud.width
+    cloud.data = np.stack([np.asarray(c, np.float32) for c in columns], -1).tobytes()
+    message.points = cloud
+    return message
+
+
+def write_field(path, field, summary):
+    """Write the bag; nothing is left behind where that fails. Raises OSError."""
+    message = to_message(field, summary)
+    partial = path + '.part'
+    try:
+        with rosbag.Bag(partial, 'w', compression='lz4') as bag:
+            bag.write('/shift/field', message, message.header.stamp)
+        os.replace(partial, path)
+    finally:
+        if os.path.exists(partial):
+            os.unlink(partial)

@@ -1,0 +1,141 @@
+"""ROS messages to numpy: the border between bags and the cores."""
+from dataclasses import dataclass
+
+import numpy as np
+
+from cortshift_tracking.errors import CaseError
+
+
+def quaternion_matrix(q):
+    """Rotation (3, 3) of a geometry_msgs/Quaternion. Raises CaseError where it is not a unit quaternion."""
+    x, y, z, w = q.x, q.y, q.z, q.w
+    if not abs(x * x + y * y + z * z + w * w - 1) < 1e-3:
+        raise CaseError(f'quaternion ({x}, {y}, {z}, {w}) is not a rotation')
+    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                     [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                     [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+
+
+def pose_matrix(pose):
+    """T_parent_child (4, 4) of a geometry_msgs/Pose."""
+    T = np.eye(4)
+    T[:3, :3] = quaternion_matrix(pose.orientation)
+    T[:3, 3] = pose.position.x, pose.position.y, pose.position.z
+    return T
+
+
+def cloud_arrays(cloud):
+    """Fields of an organised PointCloud2 by name: (H, W) float32 each; 'rgb' as (H, W, 3) uint8 red green blue."""
+    raw = np.frombuffer(cloud.data, np.uint8)
+    if raw.size < cloud.height * cloud.row_step or cloud.row_step < cloud.width * cloud.point_step:
+        raise CaseError(f'a cloud of {cloud.height} x {cloud.width} points is cut short; restore the file')
+    raw = raw[:cloud.height * cloud.row_step].reshape(cloud.height, cloud.row_step)
+    raw = raw[:, :cloud.width * cloud.point_step].reshape(cloud.height, cloud.width, cloud.point_step)
+    arrays = {}
+    for field in cloud.fields:
+        column = np.ascontiguousarray(raw[..., field.offset:field.offset + 4])
+        if field.name == 'rgb':  # packed; read as a float it may be a NaN
+            arrays['rgb'] = column[..., [2, 1, 0]]
+        else:
+            arrays[field.name] = column.view(np.float32)[..., 0]
+    return arrays
+
+
+def _vectors(arrays, *names):
+    for name in names:
+        if name not in arrays:
+            raise CaseError(f'a cloud lacks the field {name}; there are: {", ".join(sorted(arrays))}')
+    return np.stack([arrays[name] for name in names], -1).astype(float)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A captured surface. points (H, W, 3) in pmr [m], NaN where none; colour (H, W, 3) uint8 RGB; confidence (H, W) 0-1.
+
+    stamp, coverage as in StageInfo. T_pmr_left (4, 4): left camera, or None where its pose is not known.
+    """
+    key: str
+    note: str
+    stamp: float
+    points: np.ndarray
+    colour: np.ndarray
+    confidence: np.ndarray
+    T_pmr_left: np.ndarray
+    coverage: float
+    path: str = ''
+
+
+def stage_from_messages(info, cloud, path=''):
+    arrays = cloud_arrays(cloud)
+    points = _vectors(arrays, 'x', 'y', 'z')
+    colour = arrays.get('rgb', np.full(points.shape, 128, np.uint8))
+    confidence = arrays.get('confidence', np.ones(points.shape[:2], np.float32))
+    position = info.camera_pose.position
+    known = np.isfinite([position.x, position.y, position.z]).all() and info.camera_pose.orientation.w == \
+        info.camera_pose.orientation.w
+    return Stage(info.key, info.note, info.stamp.to_sec(), points, colour, confidence,
+                 pose_matrix(info.camera_pose) if known else None, info.coverage, path)
+
+
+@dataclass(frozen=True)
+class Field:
+    """A displacement field over its projection grid (H, W). start, displacement in pmr [m], NaN where not trusted.
+
+    T_pmr_projection (4, 4), resolution [m]: grid point (row, column) lies at (column, row, 0) * resolution.
+    summary: the cortshift_msgs/ShiftSummary. strain_major, strain_minor (H, W) or None.
+    """
+    from_key: str
+    to_key: str
+    from_stamp: float
+    to_stamp: float
+    T_pmr_projection: np.ndarray
+    resolution: float
+    start: np.ndarray
+    displacement: np.ndarray
+    colour: np.ndarray
+    confidence: np.ndarray
+    summary: object
+    strain_major: np.ndarray = None
+    strain_minor: np.ndarray = None
+
+    @property
+    def valid(self):
+        return np.isfinite(self.displacement).all(-1)
+
+    @property
+    def normal_pmr(self):
+        return self.T_pmr_projection[:3, 2]
+
+    def at(self, point_pmr, reach=0.0005):
+        """Displacement (3,) [m] of the surface at a point: linear between grid points, else the nearest within `reach` [m].
+
+        None where the field says nothing there.
+        """
+        local = self.T_pmr_projection[:3, :3].T @ (np.asarray(point_pmr) - self.T_pmr_projection[:3, 3]) / self.resolution
+        column, row = local[:2]
+        c, r = int(np.floor(column)), int(np.floor(row))
+        height, width = self.confidence.shape
+        if 0 <= r < height - 1 and 0 <= c < width - 1:
+            quad = self.displacement[r:r + 2, c:c + 2]
+            if np.isfinite(quad).all():
+                a, b = column - c, row - r
+                return (1 - b) * ((1 - a) * quad[0, 0] + a * quad[0, 1]) + b * ((1 - a) * quad[1, 0] + a * quad[1, 1])
+        n = int(np.ceil(reach / self.resolution))
+        r0, c0 = max(0, r - n), max(0, c - n)
+        block = self.displacement[r0:max(0, r + n + 2), c0:max(0, c + n + 2)]
+        rows, columns = np.nonzero(np.isfinite(block).all(-1))
+        if not len(rows):
+            return None
+        distance = np.hypot(rows + r0 - row, columns + c0 - column)
+        nearest = distance.argmin()
+        return block[rows[nearest], columns[nearest]] if distance[nearest] * self.resolution <= reach else None
+
+
+def field_from_message(message):
+    arrays = cloud_arrays(message.points)
+    displacement = _vectors(arrays, 'dx', 'dy', 'dz')
+    return Field(message.from_key, message.to_key, message.from_stamp.to_sec(), message.to_stamp.to_sec(),
+                 pose_matrix(message.projection), message.resolution, _vectors(arrays, 'x', 'y', 'z'), displacement,
+                 arrays.get('rgb', np.full(displacement.shape, 128, np.uint8)),
+                 arrays.get('confidence', np.ones(displacement.shape[:2], np.float32)), message.summary,
+                 arrays.get('strain_major'), arrays.get('strain_minor'))

@@ -1,0 +1,230 @@
+#include "cortshift_tracking/igtl/compose.hpp"
+
+#include <igtlImageMessage.h>
+#include <igtlStatusMessage.h>
+#include <igtlStringMessage.h>
+#include <igtlTrackingDataMessage.h>
+#include <igtl_util.h>
+
+#include <algorithm>
+#include <cstring>
+#include <mutex>
+#include <stdexcept>
+
+namespace cortshift_tracking::igt {
+namespace {
+
+constexpr std::size_t kDeviceSize = 20;
+constexpr int kUtf8 = 106;  // IANA's number of the character set
+
+std::uint32_t fractionOfSecond(std::int64_t stamp_ns) {
+  return static_cast<std::uint32_t>((static_cast<std::uint64_t>(stamp_ns % 1000000000) << 32) / 1000000000);
+}
+
+void requireDevice(const Label& label) {
+  if (label.device.size() > kDeviceSize)
+    throw std::invalid_argument("device name '" + label.device + "' is longer than 20 characters");
+}
+
+/// The library's object factory is not made for several threads.
+std::mutex library_mutex;
+
+template <typename MessagePointer>
+Bytes finish(const Label& label, MessagePointer& message) {
+  requireDevice(label);
+  message->SetDeviceName(label.device.c_str());
+  message->SetTimeStamp(static_cast<unsigned int>(label.stamp_ns / 1000000000), fractionOfSecond(label.stamp_ns));
+  message->Pack();
+  const auto* data = static_cast<const std::uint8_t*>(message->GetPackPointer());
+  return {data, data + message->GetPackSize()};
+}
+
+void append(Bytes& out, std::uint64_t value, int size) {
+  for (int byte = size - 1; byte >= 0; --byte)
+    out.push_back(byte < 8 ? static_cast<std::uint8_t>(value >> 8 * byte & 0xff) : 0);
+}
+
+void appendText(Bytes& out, const std::string& text, std::size_t size) {
+  for (std::size_t i = 0; i < size; ++i) out.push_back(i < text.size() ? static_cast<std::uint8_t>(text[i]) : 0);
+}
+
+void append(Bytes& out, float value) {
+  std::uint32_t bits = 0;
+  std::memcpy(&bits, &value, sizeof bits);
+  append(out, bits, 4);
+}
+
+void append(Bytes& out, const std::vector<Eigen::Vector3f>& vectors) {
+  for (const Eigen::Vector3f& v : vectors)
+    for (int i = 0; i < 3; ++i) append(out, v[i]);
+}
+
+/// Point data of POLYDATA; all are float32.
+struct Attribute {
+  int type;  // of the protocol: 0 scalar, 1 vector, 4 RGBA
+  int components;
+  std::string name;
+  Bytes data;
+};
+
+std::vector<Attribute> attributesOf(const LinkMesh& mesh) {
+  std::vector<Attribute> attributes;
+  if (!mesh.displacements_mm.empty()) {
+    attributes.push_back({1, 3, "displacement", {}});
+    append(attributes.back().data, mesh.displacements_mm);
+  }
+  if (!mesh.confidence.empty()) {
+    attributes.push_back({0, 1, "confidence", {}});
+    for (const float value : mesh.confidence) append(attributes.back().data, value);
+  }
+  if (!mesh.colours_rgb.empty()) {
+    attributes.push_back({4, 4, "rgba", {}});
+    for (const Eigen::Vector3f& colour : mesh.colours_rgb) {
+      for (int i = 0; i < 3; ++i) append(attributes.back().data, colour[i]);
+      append(attributes.back().data, 1.0F);
+    }
+  }
+  return attributes;
+}
+
+Bytes withHeader(int version, const std::string& type, const Label& label, Bytes& body) {
+  requireDevice(label);
+  Bytes message;
+  append(message, static_cast<std::uint64_t>(version), 2);
+  appendText(message, type, 12);
+  appendText(message, label.device, kDeviceSize);
+  append(message, static_cast<std::uint64_t>(label.stamp_ns / 1000000000), 4);
+  append(message, fractionOfSecond(label.stamp_ns), 4);
+  append(message, body.size(), 8);
+  append(message, ::crc64(body.data(), body.size(), 0), 8);
+  message.insert(message.end(), body.begin(), body.end());
+  return message;
+}
+
+}  // namespace
+
+Bytes composeImage(const Label& label, const Picture& picture, const Eigen::Matrix4d& matrix_mm, Axes axes) {
+  const std::lock_guard<std::mutex> lock(library_mutex);
+  auto message = ::igtl::ImageMessage::New();
+  message->SetDimensions(picture.columns, picture.rows, 1);
+  message->SetNumComponents(picture.channels);
+  message->SetScalarTypeToUint8();
+  message->SetEndian(::igtl::ImageMessage::ENDIAN_LITTLE);
+  message->SetCoordinateSystem(axes == Axes::kRas ? ::igtl::ImageMessage::COORDINATE_RAS
+                                                  : ::igtl::ImageMessage::COORDINATE_LPS);
+  const Eigen::Vector3d i = matrix_mm.block<3, 1>(0, 0), j = matrix_mm.block<3, 1>(0, 1),
+                        k = matrix_mm.block<3, 1>(0, 2);
+  message->SetSpacing(static_cast<float>(i.norm()), static_cast<float>(j.norm()), static_cast<float>(k.norm()));
+  // On the wire the origin is the centre of the image, not its first pixel.
+  const Eigen::Vector4d centre =
+      matrix_mm * Eigen::Vector4d((picture.columns - 1) / 2.0, (picture.rows - 1) / 2.0, 0, 1);
+  ::igtl::Matrix4x4 matrix;
+  ::igtl::IdentityMatrix(matrix);
+  for (int row = 0; row < 3; ++row) {
+    matrix[row][0] = static_cast<float>(i[row] / i.norm());
+    matrix[row][1] = static_cast<float>(j[row] / j.norm());
+    matrix[row][2] = static_cast<float>(k[row] / k.norm());
+    matrix[row][3] = static_cast<float>(centre[row]);
+  }
+  message->SetMatrix(matrix);
+  message->AllocateScalars();
+  const std::size_t size = static_cast<std::size_t>(picture.rows) * static_cast<std::size_t>(picture.columns) *
+                           static_cast<std::size_t>(picture.channels);
+  std::copy(picture.pixels, picture.pixels + size, static_cast<std::uint8_t*>(message->GetScalarPointer()));
+  return finish(label, message);
+}
+
+Bytes composeString(const Label& label, const std::string& text) {
+  const std::lock_guard<std::mutex> lock(library_mutex);
+  auto message = ::igtl::StringMessage::New();
+  std::string cut = text.substr(0, 65535);
+  message->SetEncoding(kUtf8);
+  message->SetString(cut);
+  return finish(label, message);
+}
+
+Bytes composeStatus(const Label& label, int code, const std::string& text) {
+  const std::lock_guard<std::mutex> lock(library_mutex);
+  auto message = ::igtl::StatusMessage::New();
+  message->SetCode(code);
+  message->SetSubCode(0);
+  message->SetErrorName(code == 1 ? "OK" : "Error");
+  message->SetStatusString(text.c_str());
+  return finish(label, message);
+}
+
+Bytes composeStartTracking(const Label& label, int period_ms) {
+  const std::lock_guard<std::mutex> lock(library_mutex);
+  auto message = ::igtl::StartTrackingDataMessage::New();
+  message->SetResolution(period_ms);
+  return finish(label, message);
+}
+
+// By hand, because the library's own packing crashes on larger meshes: it was built to write to unaligned memory as if
+// it were aligned.
+Bytes composePolyData(const Label& label, const LinkMesh& mesh) {
+  const std::vector<Attribute> attributes = attributesOf(mesh);
+  const std::size_t cell_bytes = mesh.cells.size() * 5 * 4;
+  Bytes body;
+  body.reserve(40 + mesh.points_mm.size() * 12 + cell_bytes + mesh.points_mm.size() * 32 + 128);
+  append(body, mesh.points_mm.size(), 4);
+  append(body, 0, 16);  // vertices and lines: number and bytes of each
+  append(body, mesh.cells.size(), 4);
+  append(body, cell_bytes, 4);
+  append(body, 0, 8);  // triangle strips
+  append(body, attributes.size(), 4);
+  append(body, mesh.points_mm);
+  for (const auto& cell : mesh.cells) {
+    append(body, cell.size(), 4);
+    for (const std::uint32_t corner : cell) append(body, corner, 4);
+  }
+  std::size_t names = 0;
+  for (const Attribute& attribute : attributes) {
+    append(body, static_cast<std::uint64_t>(attribute.type), 1);
+    append(body, static_cast<std::uint64_t>(attribute.components), 1);
+    append(body, mesh.points_mm.size(), 4);
+    names += attribute.name.size() + 1;
+  }
+  for (const Attribute& attribute : attributes) appendText(body, attribute.name, attribute.name.size() + 1);
+  if (names % 2 == 1) append(body, 0, 1);
+  for (const Attribute& attribute : attributes) body.insert(body.end(), attribute.data.begin(), attribute.data.end());
+  return withHeader(1, "POLYDATA", label, body);
+}
+
+// By hand, because the library's own array leaks and is freed by the wrong delete.
+Bytes composeArray(const Label& label, const std::vector<double>& values) {
+  Bytes body;
+  append(body, 11, 1);  // float64
+  append(body, 1, 1);   // dimensions
+  append(body, values.size(), 2);
+  for (const double value : values) {
+    std::uint64_t bits = 0;
+    std::memcpy(&bits, &value, sizeof bits);
+    append(body, bits, 8);
+  }
+  return withHeader(1, "NDARRAY", label, body);
+}
+
+// By hand, because Debian's library ends at protocol version 2; COMMAND and metadata came with version 3.
+Bytes composeCommandReply(const Label& label, const Command& command, bool success, const std::string& text) {
+  const std::string key = "Status", value = success ? "SUCCESS" : "FAIL";
+  Bytes body;
+  append(body, 12, 2);                         // size of this extended header
+  append(body, 2 + 8, 2);                      // metadata index
+  append(body, key.size() + value.size(), 4);  // metadata
+  append(body, command.id, 4);                 // message id
+  append(body, command.id, 4);
+  appendText(body, command.name, 128);
+  append(body, kUtf8, 2);
+  append(body, text.size(), 4);
+  appendText(body, text, text.size());
+  append(body, 1, 2);
+  append(body, key.size(), 2);
+  append(body, 3, 2);  // US-ASCII
+  append(body, value.size(), 4);
+  appendText(body, key, key.size());
+  appendText(body, value, value.size());
+  return withHeader(2, "RTS_COMMAND", label, body);
+}
+
+}  // namespace cortshift_tracking::igt

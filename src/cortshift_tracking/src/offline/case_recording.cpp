@@ -1,0 +1,282 @@
+#include "cortshift_tracking/offline/case_recording.hpp"
+
+#include <tf2_msgs/TFMessage.h>
+#include <yaml-cpp/yaml.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <set>
+
+#include "cortshift_stereo/pair_synchroniser.hpp"
+#include "cortshift_stereo/ros/settings_history.hpp"
+#include "cortshift_tracking/ros/registration.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+using cortshift_stereo::PairMessages;
+using cortshift_stereo::PoseError;
+
+const std::string kTf = "/tf", kStatic = "/tf_static", kSettings = "/microscope/settings";
+const std::string kLeft = "/stereo/left/", kRight = "/stereo/right/", kInfo = "camera_info";
+const std::vector<std::string> kImages = {"/stereo/left/image_raw", "/stereo/right/image_raw",
+                                          "/stereo/left/image_raw/compressed", "/stereo/right/image_raw/compressed"};
+constexpr double kHistory = 60;      // [s] as in the nodes
+constexpr double kInfoReach = 1.0;   // [s] between an image's record and that of its camera_info
+constexpr double kWidePoses = 10.0;  // [s] on either side, to say what is missing
+
+bool compressed(const std::string& topic) {
+  return topic.size() > 11 && topic.substr(topic.size() - 11) == "/compressed";
+}
+
+template <std::size_t n>
+std::array<double, n> numbers(const YAML::Node& entry, const char* key, const std::string& where) {
+  std::array<double, n> out{};
+  const YAML::Node list = entry[key];
+  bool good = list.IsSequence() && list.size() == n;
+  for (std::size_t i = 0; good && i < n; ++i)
+    good = YAML::convert<double>::decode(list[i], out[i]) && std::isfinite(out[i]);
+  if (!good) throw TrackingError(where + ": " + key + " must be " + std::to_string(n) + " numbers");
+  return out;
+}
+
+geometry_msgs::TransformStamped transformFromYaml(const YAML::Node& entry, const std::string& where) {
+  std::set<std::string> keys;
+  if (entry.IsMap())
+    for (const auto& pair : entry) keys.insert(pair.first.as<std::string>());
+  if (keys != std::set<std::string>{"parent", "child", "translation", "rotation"})
+    throw TrackingError(where + ": needs exactly the keys child, parent, rotation, translation");
+  geometry_msgs::TransformStamped out;
+  out.header.frame_id = entry["parent"].as<std::string>();
+  out.child_frame_id = entry["child"].as<std::string>();
+  const std::string edge = where + " (" + out.header.frame_id + " -> " + out.child_frame_id + ")";
+  const auto t = numbers<3>(entry, "translation", edge);
+  const auto q = numbers<4>(entry, "rotation", edge);
+  const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  if (!(std::abs(norm - 1) <= 1e-4))
+    throw TrackingError(edge + ": rotation has length " + std::to_string(norm) + ", not 1");
+  out.transform.translation.x = t[0];
+  out.transform.translation.y = t[1];
+  out.transform.translation.z = t[2];
+  out.transform.rotation.x = q[0];
+  out.transform.rotation.y = q[1];
+  out.transform.rotation.z = q[2];
+  out.transform.rotation.w = q[3];
+  return out;
+}
+
+}  // namespace
+
+ros::Time shifted(const ros::Time& time, double seconds) {
+  const double sum = time.toSec() + seconds;
+  if (sum <= 0) return ros::Time();
+  return time + ros::Duration(seconds);
+}
+
+std::vector<geometry_msgs::TransformStamped> readStaticTransforms(const std::string& path) {
+  try {
+    const YAML::Node root = YAML::LoadFile(path);
+    if (!root.IsSequence() || root.size() == 0) throw TrackingError(path + ": expected a list of transforms");
+    std::vector<geometry_msgs::TransformStamped> out;
+    for (std::size_t i = 0; i < root.size(); ++i)
+      out.push_back(transformFromYaml(root[i], path + ": transform " + std::to_string(i + 1)));
+    return out;
+  } catch (const YAML::Exception& error) {
+    throw TrackingError(path + " cannot be read as a list of transforms: " + error.what());
+  }
+}
+
+const std::vector<std::string>& CaseRecording::topics() {
+  static const std::vector<std::string> all = [] {
+    std::vector<std::string> names = kImages;
+    names.insert(names.end(), {kLeft + kInfo, kRight + kInfo, kSettings, kTf, kStatic});
+    return names;
+  }();
+  return all;
+}
+
+CaseRecording::CaseRecording(const std::string& path,
+                             const cortshift_stereo::SurfaceReconstructionParameters& parameters,
+                             const std::vector<geometry_msgs::TransformStamped>& static_tf)
+    : parameters_(parameters), bag_(path, topics()), given_statics_(static_tf) {
+  for (const BagEntry& entry : bag_.entries({kStatic}, ros::Time(), ros::TIME_MAX)) {
+    const tf2_msgs::TFMessageConstPtr message = bag_.read<tf2_msgs::TFMessage>(entry);
+    for (const geometry_msgs::TransformStamped& edge : message->transforms) {
+      const auto earlier = std::find_if(statics_.rbegin(), statics_.rend(), [&](const Static& other) {
+        return other.edge.child_frame_id == edge.child_frame_id;
+      });
+      if (earlier == statics_.rend() || earlier->edge.header.frame_id != edge.header.frame_id ||
+          earlier->edge.transform != edge.transform)
+        statics_.push_back({entry.time, edge});
+    }
+  }
+  for (const auto& given : given_statics_)
+    for (const Static& recorded : statics_)
+      if (cortshift_stereo::withoutSlash(recorded.edge.child_frame_id) ==
+          cortshift_stereo::withoutSlash(given.child_frame_id))
+        throw TrackingError(
+            "the pose of " + given.child_frame_id +
+            " is in the file of static transforms and on /tf_static of the bag; remove it from the file");
+}
+
+std::vector<PairPlace> CaseRecording::pairs(const ros::Time& from, const ros::Time& to) const {
+  using Synchroniser = cortshift_stereo::PairSynchroniser<BagEntry>;
+  Synchroniser synchroniser(std::llround(1e9 * parameters_.sync_tolerance), parameters_.pair_timeout);
+  std::vector<PairPlace> found;
+  // A partner may have been recorded up to the synchroniser's patience earlier.
+  for (const BagEntry& entry : bag_.entries(kImages, shifted(from, -2 * parameters_.pair_timeout), to)) {
+    const auto side = bag_.topicOf(entry).compare(0, kLeft.size(), kLeft) == 0 ? Synchroniser::Side::kLeft
+                                                                               : Synchroniser::Side::kRight;
+    const double time = (entry.time - bag_.begin()).toSec();
+    synchroniser.takeUnpaired(time);
+    const auto pair = synchroniser.add(side, static_cast<int64_t>(bag_.stampOf(entry).toNSec()), entry, time);
+    if (!pair || entry.time <= from) continue;
+    found.push_back({ros::Time().fromNSec(static_cast<uint64_t>(pair->stamp_ns)), entry.time, pair->left, pair->right});
+  }
+  return found;
+}
+
+std::optional<PairPlace> CaseRecording::firstPair() const {
+  constexpr int kSeconds = 60;
+  for (int second = 0; second < kSeconds; ++second) {
+    const auto found =
+        pairs(shifted(bag_.begin(), second - (second == 0 ? 1e-3 : 0)), shifted(bag_.begin(), second + 1));
+    if (!found.empty()) return found.front();
+  }
+  return std::nullopt;
+}
+
+PairMessages CaseRecording::read(const PairPlace& pair) const {
+  const auto image = [&](const BagEntry& entry) {
+    cortshift_stereo::ImageMessage out;
+    if (compressed(bag_.topicOf(entry)))
+      out.compressed = bag_.read<sensor_msgs::CompressedImage>(entry);
+    else
+      out.raw = bag_.read<sensor_msgs::Image>(entry);
+    return out;
+  };
+  PairMessages out = known(pair);
+  out.left = image(pair.left);
+  out.right = image(pair.right);
+  return out;
+}
+
+PairMessages CaseRecording::known(const PairPlace& pair) const {
+  return {pair.stamp,
+          {},
+          {},
+          infoOf(kLeft + kInfo, pair),
+          infoOf(kRight + kInfo, pair),
+          settingsOf(pair.stamp, pair.arrival)};
+}
+
+sensor_msgs::CameraInfoConstPtr CaseRecording::infoOf(const std::string& topic, const PairPlace& pair) const {
+  for (const BagEntry& entry :
+       bag_.entries({topic}, shifted(pair.arrival, -kInfoReach), shifted(pair.arrival, kInfoReach)))
+    if (bag_.stampOf(entry) == pair.stamp) return bag_.read<sensor_msgs::CameraInfo>(entry);
+  const auto before = bag_.lastBefore(topic, pair.arrival);
+  if (!before.empty()) return bag_.read<sensor_msgs::CameraInfo>(before.front());
+  const auto after = bag_.entries({topic}, pair.arrival, shifted(pair.arrival, parameters_.calibration_timeout));
+  return after.empty() ? nullptr : bag_.read<sensor_msgs::CameraInfo>(after.front());
+}
+
+cortshift_msgs::MicroscopeSettingsConstPtr CaseRecording::settingsOf(const ros::Time& stamp,
+                                                                     const ros::Time& arrival) const {
+  constexpr std::size_t kChanges = 16;  // reported late or out of order
+  std::vector<BagEntry> entries = bag_.lastBefore(kSettings, arrival, kChanges);
+  std::sort(entries.begin(), entries.end());
+  cortshift_stereo::SettingsHistory history;
+  for (const BagEntry& entry : entries) history.add(bag_.read<cortshift_msgs::MicroscopeSettings>(entry));
+  return history.at(stamp);
+}
+
+ros::Time CaseRecording::calibratedSince(const std::string& topic, const sensor_msgs::CameraInfo& info,
+                                         const ros::Time& arrival) const {
+  constexpr std::size_t kBatch = 64;
+  ros::Time since = arrival;
+  for (ros::Time until = arrival;;) {
+    const auto batch = bag_.lastBefore(topic, until, kBatch);
+    for (const BagEntry& entry : batch) {
+      if (!cortshift_stereo::sameCalibration(*bag_.read<sensor_msgs::CameraInfo>(entry), info)) return since;
+      since = entry.time;
+    }
+    if (batch.size() < kBatch || batch.back().time == until || batch.back().time == ros::Time()) return since;
+    until = batch.back().time - ros::Duration(0, 1);
+  }
+}
+
+std::optional<cortshift_stereo::MicroscopeSetting> CaseRecording::referenceSetting(const PairMessages& pair) const {
+  if (!pair.settings || !pair.left_info || !pair.right_info) return std::nullopt;
+  const ros::Time arrival = bag_.end();
+  const auto first = firstPair();
+  ros::Time seen = first ? first->arrival : bag_.begin();
+  ros::Time seen_stamp = first ? first->stamp : seen;
+  const auto same = [&](const PairPlace& place) {
+    const auto left = infoOf(kLeft + kInfo, place), right = infoOf(kRight + kInfo, place);
+    return left && right && cortshift_stereo::sameCalibration(*left, *pair.left_info) &&
+           cortshift_stereo::sameCalibration(*right, *pair.right_info);
+  };
+  if (!first || !same(*first)) {  // calibrated anew during the recording
+    const ros::Time time = shifted(pair.stamp, kInfoReach) < arrival ? shifted(pair.stamp, kInfoReach) : arrival;
+    seen = std::max(calibratedSince(kLeft + kInfo, *pair.left_info, time),
+                    calibratedSince(kRight + kInfo, *pair.right_info, time));
+    seen_stamp = seen;
+  }
+  cortshift_msgs::MicroscopeSettingsConstPtr settings = settingsOf(seen_stamp, seen);
+  if (!settings) {  // the first that came
+    for (ros::Time from = seen; !settings && from < arrival; from = shifted(from, 60)) {
+      const auto entries = bag_.entries({kSettings}, from, shifted(from, 60));
+      if (!entries.empty()) settings = bag_.read<cortshift_msgs::MicroscopeSettings>(entries.front());
+    }
+  }
+  if (!settings) return std::nullopt;
+  return cortshift_stereo::MicroscopeSetting{settings->magnification, settings->focal_length};
+}
+
+cortshift_stereo::TransformTree CaseRecording::transforms(const ros::Time& from, const ros::Time& to,
+                                                          double max_pose_gap) const {
+  cortshift_stereo::TransformTree tree(max_pose_gap, kHistory);
+  tf2_msgs::TFMessage fixed;
+  fixed.transforms = given_statics_;
+  for (const Static& recorded : statics_)
+    if (recorded.time <= to) fixed.transforms.push_back(recorded.edge);
+  addTransforms(tree, fixed, true);
+  for (const BagEntry& entry : bag_.entries({kTf}, from, to))
+    addTransforms(tree, *bag_.read<tf2_msgs::TFMessage>(entry), false);
+  return tree;
+}
+
+cortshift_stereo::PoseAt CaseRecording::posesAround(const ros::Time& arrival, double max_pose_gap) const {
+  const double reach = max_pose_gap + parameters_.pose_timeout;
+  const auto near = std::make_shared<const cortshift_stereo::TransformTree>(
+      transforms(shifted(arrival, -reach), shifted(arrival, reach), max_pose_gap));
+  const auto wide = std::make_shared<std::optional<cortshift_stereo::TransformTree>>();
+  return [=](const std::string& target, const std::string& source, const ros::Time& stamp) {
+    try {
+      return poseFrom(*near, target, source, stamp);
+    } catch (const PoseError&) {
+      if (reach >= kWidePoses) throw;
+    }
+    // Once more with more around it, to name the sample that is missing.
+    if (!*wide) *wide = transforms(shifted(arrival, -kWidePoses), shifted(arrival, kWidePoses), max_pose_gap);
+    return poseFrom(**wide, target, source, stamp);
+  };
+}
+
+std::optional<ros::Time> CaseRecording::registrationChanged(const ros::Time& time) const {
+  std::optional<ros::Time> changed;
+  std::optional<geometry_msgs::Pose> newest;
+  for (const Static& recorded : statics_) {
+    if (recorded.time > time) break;
+    tf2_msgs::TFMessage message;
+    message.transforms = {recorded.edge};
+    const geometry_msgs::Pose heard = registrationOf(message);
+    if (sameRegistration(heard, registrationOf({}))) continue;  // another edge
+    if (newest && !sameRegistration(*newest, heard)) changed = recorded.time;
+    newest = heard;
+  }
+  return changed;
+}
+
+}  // namespace cortshift_tracking

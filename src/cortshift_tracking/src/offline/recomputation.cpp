@@ -1,0 +1,97 @@
+#include "cortshift_tracking/offline/recomputation.hpp"
+
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+
+#include <algorithm>
+#include <boost/make_shared.hpp>
+#include <regex>
+
+#include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/offline/case_capture.hpp"
+#include "cortshift_tracking/ros/stage_record.hpp"
+#include "cortshift_tracking/summary.hpp"
+
+namespace cortshift_tracking {
+
+namespace fs = std::filesystem;
+
+CaseFiles findCase(const fs::path& folder) {
+  const std::regex stage("[0-9]{4,9}_[A-Za-z0-9_-]{1,64}_[0-9a-f]{8}\\.bag"),
+      field("[A-Za-z0-9_-]+__[A-Za-z0-9_-]+\\.bag");
+  if (!fs::is_directory(folder)) throw TrackingError(folder.string() + ": no such folder; give the folder of a case");
+  CaseFiles found;
+  for (const fs::path& place : {folder, folder / "stages"}) {
+    std::error_code error;
+    for (const fs::directory_entry& entry : fs::directory_iterator(place, error)) {
+      const std::string name = entry.path().filename().string();
+      if (std::regex_match(name, stage))
+        found.stages.push_back(entry.path());
+      else if (std::regex_match(name, field))
+        found.fields.push_back(entry.path());
+    }
+  }
+  if (found.stages.empty())
+    throw TrackingError(folder.string() + ": holds no stage; give the folder that process_bag or shift_tracker made");
+  const auto by_name = [](const fs::path& a, const fs::path& b) { return a.filename() < b.filename(); };
+  std::sort(found.stages.begin(), found.stages.end(), by_name);
+  std::sort(found.fields.begin(), found.fields.end(), by_name);
+  return found;
+}
+
+cortshift_msgs::DisplacementField fieldFromBag(const fs::path& path) {
+  try {
+    rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
+    rosbag::View view(bag, rosbag::TopicQuery("/shift/field"));
+    cortshift_msgs::DisplacementFieldConstPtr last;
+    for (const rosbag::MessageInstance& instance : view)
+      last = instance.instantiate<cortshift_msgs::DisplacementField>();
+    if (last) return *last;
+  } catch (const std::exception& error) {  // rosbag, ROS serialisation and the allocator each have their own
+    throw TrackingError(path.string() + " is not a readable bag: " + error.what());
+  }
+  throw TrackingError(path.string() + " holds no cortshift_msgs/DisplacementField on /shift/field");
+}
+
+StageRecord remakeStage(const StageRecord& stored, cortshift_stereo::PairReconstruction& reconstruct) {
+  const cortshift_stereo::PairMessages pair = pairOf(stored);
+  if (!(stored.left || stored.left_compressed) || !(stored.right || stored.right_compressed))
+    throw TrackingError("it keeps no raw pair; capture it again from the recording");
+  cortshift_stereo::TransformTree tree(1.0, 1.0);  // one instant: nothing is interpolated
+  addTransforms(tree, stored.tf_static, true);
+  addTransforms(tree, stored.tf, false);
+  const auto pose_at = [&](const std::string& target, const std::string& source, const ros::Time& stamp) {
+    return poseFrom(tree, target, source, stamp);
+  };
+  StageRecord record = stored;
+  const cortshift_stereo::PairSurface surface = reconstruct(pair, pose_at);
+  record.surface =
+      boost::make_shared<sensor_msgs::PointCloud2>(toPointCloud2(surface.surface_map, stored.surface->header));
+  completeStage(record, pose_at);
+  return record;
+}
+
+Change changeOf(const cv::Mat& before, const cv::Mat& after) {
+  CV_Assert(before.type() == CV_32FC3 && after.type() == CV_32FC3 && before.size() == after.size());
+  Change change;
+  std::vector<double> lengths;
+  for (int row = 0; row < before.rows; ++row)
+    for (int column = 0; column < before.cols; ++column) {
+      const cv::Vec3f &a = before.at<cv::Vec3f>(row, column), &b = after.at<cv::Vec3f>(row, column);
+      const bool had = a[0] == a[0], has = b[0] == b[0];
+      change.before += had;
+      change.after += has;
+      if (had && has) lengths.push_back(cv::norm(b - a));
+    }
+  change.both = lengths.size();
+  change.median = change.largest = kUnknown;
+  if (lengths.empty()) return change;
+  const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
+  std::nth_element(lengths.begin(), middle, lengths.end());
+  change.median = *middle;
+  change.largest = *std::max_element(lengths.begin(), lengths.end());
+  return change;
+}
+
+}  // namespace cortshift_tracking
