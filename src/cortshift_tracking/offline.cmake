@@ -1,4 +1,7 @@
 # Recorded cases without a master: library, tools and their tests.
+# Python: exports and cohorts; the modules are named in setup.py.
+catkin_install_python(PROGRAMS scripts/cohort_case scripts/cohort_table scripts/export_field DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+
 find_package(BZip2 REQUIRED)
 add_library(${PROJECT_NAME}_offline
   src/offline/bag_file.cpp
@@ -22,4 +25,9 @@ if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   catkin_install_python(PROGRAMS test/test_process_bag_replay.py DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
   add_rostest(test/process_bag_replay.test DEPENDENCIES process_bag shift_tracker)
+  foreach(test cohort export offline)
+    catkin_run_tests_target("pytest" ${test} "pytest-${test}.xml"
+      COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-${test}.xml test/test_${test}.py"
+      WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
+  endforeach()
 endif()

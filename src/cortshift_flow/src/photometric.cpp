@@ -43,7 +43,6 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
   const int step = std::max(1, static_cast<int>(cell / kSamples));
   constexpr int kRounds = 3;  // robust: each round trusts what the last one explains
   for (int round = 0; round < kRounds; ++round) {
-    const cv::Mat4f expected = map.apply(level.first, threads);
     // Wide at first, so that a large change of brightness is not taken for an outlier.
     const float tolerance = kResidual * static_cast<float>(1 << (kRounds - 1 - round)) * 2;
     Moments m;
@@ -60,10 +59,10 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
             if (!level.second_valid.empty() && !level.second_valid(static_cast<int>(py), static_cast<int>(px)))
               continue;
             const cv::Vec4f first = level.first(y, x), second = bilinear(level.second, px, py);
-            const cv::Vec4f gap = second - expected(y, x);
+            const int i = std::min(cells.width - 1, x * cells.width / width);
+            const cv::Vec4f gap = second - (first.mul(map.gain_(j, i)) + map.offset_(j, i));
             const float ratio = 1 + static_cast<float>(gap.dot(gap)) / (tolerance * tolerance);
             const float weight = 1 / (ratio * ratio);
-            const int i = std::min(cells.width - 1, x * cells.width / width);
             for (int c = 0; c < 3; ++c) {
               m.weight(j, i)[c] += weight;
               m.x(j, i)[c] += weight * first[c];

@@ -62,9 +62,11 @@ FlowBothWays roughFlow(const std::vector<Level>& levels, int finest, const FlowS
     if (flow.forward.u.size() != size)
       flow = {doubled(flow.forward, size, threads), doubled(flow.backward, size, threads)};
     if (l == finest && l > 0) consultPatches(levels[static_cast<std::size_t>(l - 1)], forward, backward, flow, threads);
-    const float suspect = mismatchScale(forward, flow.forward, threads).suspect;
-    exchangeFlow(forward, exchangeReaches(), kMatchWindow, suspect, {}, flow.forward, threads);
-    exchangeFlow(backward, exchangeReaches(), kMatchWindow, suspect, {}, flow.backward, threads);
+    if (l > finest) {  // at the finest the patches have been consulted, and the polish begins with an exchange
+      const float suspect = mismatchScale(forward, flow.forward, threads).suspect;
+      exchangeFlow(forward, exchangeReaches(), kMatchWindow, suspect, {}, flow.forward, threads);
+      exchangeFlow(backward, exchangeReaches(), kMatchWindow, suspect, {}, flow.backward, threads);
+    }
     refine(forward, {1, 1, 1, 0}, effort, flow.forward, threads);
     refine(backward, {1, 1, 1, 0}, effort, flow.backward, threads);
   }

@@ -24,9 +24,11 @@ const std::vector<Entry>& entries() {
       {"outer_iterations", &FlowSettings::outer_iterations, nullptr, 1, 100},
       {"inner_iterations", &FlowSettings::inner_iterations, nullptr, 1, 100},
       {"solver_iterations", &FlowSettings::solver_iterations, nullptr, 1, 1000},
+      {"presmoothing", nullptr, &FlowSettings::presmoothing, 0, 5},
       {"curvature", nullptr, &FlowSettings::curvature, 1e-6, 10},
       {"coarse_polish_iterations", &FlowSettings::coarse_polish_iterations, nullptr, 0, 100},
       {"full_polish_iterations", &FlowSettings::full_polish_iterations, nullptr, 1, 100},
+      {"finest_level", &FlowSettings::finest_level, nullptr, 0, 2},
       {"search_range", nullptr, &FlowSettings::search_range, 0.01, 0.5},
   };
   return all;
@@ -76,16 +78,15 @@ FlowSettings FlowSettings::preset(const std::string& name) {
   FlowSettings settings;
   if (name == "default") return settings;
   if (name == "fast") {
-    settings.coarse_polish_iterations = 2;
-    settings.full_polish_iterations = 1;
+    settings.finest_level = 1;
+    settings.coarse_polish_iterations = 3;
     return settings;
   }
   if (name == "ji2014") {
     settings.method = Method::kVariational;
     settings.alpha = 0.02;
-    settings.outer_iterations = 7;
-    settings.inner_iterations = 1;
-    settings.solver_iterations = 30;
+    settings.outer_iterations = 3;
+    settings.presmoothing = 0.5;
     return settings;
   }
   std::string known;

@@ -56,7 +56,7 @@ ImageQuality measureImage(const cv::Mat& image) {
       const int value = row[x] + row[x + 1] + row[x + 2];
       sum += value;
       squares += value * value;
-      saturated += std::max({row[x], row[x + 1], row[x + 2]}) >= kSaturated;
+      saturated += (row[x] >= kSaturated) + (row[x + 1] >= kSaturated) + (row[x + 2] >= kSaturated) >= 2;
     }
     count += image.cols;
   }

@@ -1,5 +1,6 @@
 #include "cortshift_stereo/reconstruction.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -115,15 +116,22 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   result.disparity = refined.disparity;
   result.disparity.setTo(std::numeric_limits<float>::quiet_NaN(), refined.deviation > settings.max_deviation);
 
-  quality.coverage = shareOfValid(result.disparity);
-  quality.epipolar = measureEpipolarResidual(pair, result.disparity, rectifier);
+  quality.coverage = std::min(1.0, shareOfValid(result.disparity) / std::max(1e-6, rectifier.leftShare()));
+  Surface& surface = result.surface_left;
+  surface.colour = pair.left_colour;
+  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& tasks) {
+    for (int task = tasks.start; task < tasks.end; ++task) {
+      if (task == 0) {
+        quality.epipolar = measureEpipolarResidual(pair, result.disparity, rectifier);
+        continue;
+      }
+      surface.points = triangulate(result.disparity, model);
+      surface.confidence = confidenceOf(refined.deviation);
+      surface.confidence.setTo(0, ~(result.disparity == result.disparity));
+    }
+  });
   checkMatch(quality, limits);
 
-  Surface& surface = result.surface_left;
-  surface.points = triangulate(result.disparity, model);
-  surface.colour = pair.left_colour;
-  surface.confidence = confidenceOf(refined.deviation);
-  surface.confidence.setTo(0, ~(result.disparity == result.disparity));
   result.seconds = static_cast<double>(cv::getTickCount() - start) / cv::getTickFrequency();
   return result;
 }

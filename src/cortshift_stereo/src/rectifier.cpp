@@ -12,7 +12,7 @@
 namespace cortshift_stereo {
 namespace {
 
-constexpr int kSaturated = 250;  // [grey levels] in the brightest channel: tissue there has no texture left
+constexpr int kSaturated = 250;  // [grey levels] in two channels at least: no texture is left there
 
 constexpr double kBlur = 0.9;  // [px] before resampling: what is left is what cubic convolution can interpolate
 
@@ -61,11 +61,8 @@ cv::Mat sample(const cv::Mat& image, const cv::Mat& map, const cv::Mat& inside) 
 
 /// Colours at the positions of `map`; black outside.
 cv::Mat sampleColour(const cv::Mat& bgr, const cv::Mat& map, const cv::Mat& inside) {
-  cv::Mat four, values;  // four channels fill a vector register
-  cv::cvtColor(bgr, four, cv::COLOR_BGR2BGRA);
-  four.convertTo(values, CV_32F);
   cv::Mat out(map.size(), CV_8UC3);
-  const std::size_t step = values.step1();
+  const std::size_t step = bgr.step;
   cv::parallel_for_(cv::Range(0, out.rows), [&](const cv::Range& rows) {
     for (int y = rows.start; y < rows.end; ++y) {
       const auto* at = map.ptr<cv::Vec2f>(y);
@@ -79,12 +76,18 @@ cv::Mat sampleColour(const cv::Mat& bgr, const cv::Mat& map, const cv::Mat& insi
         const int column = static_cast<int>(at[x][0]), row = static_cast<int>(at[x][1]);
         const CubicWeights horizontal(at[x][0] - static_cast<float>(column));
         const CubicWeights vertical(at[x][1] - static_cast<float>(row));
-        const float* first = values.ptr<float>(row - 1) + 4 * (column - 1);
+        const uint8_t* first = bgr.ptr<uint8_t>(row - 1) + 3 * (column - 1);
+        // Four channels fill a vector register; the fourth is the next pixel's blue and is left out.
+        const auto pixel = [](const uint8_t* p) {
+          return cv::v_cvt_f32(cv::v_reinterpret_as_s32(cv::v_load_expand_q(p)));
+        };
         cv::v_float32x4 sum = cv::v_setzero_f32();
-        for (int k = 0; k < 4; ++k)
-          for (int i = 0; i < 4; ++i)
-            sum = cv::v_muladd(cv::v_load(first + static_cast<std::size_t>(k) * step + 4 * i),
-                               cv::v_setall_f32(vertical[k] * horizontal[i]), sum);
+        for (int k = 0; k < 4; ++k) {
+          const uint8_t* p = first + static_cast<std::size_t>(k) * step;
+          cv::v_float32x4 line = pixel(p) * cv::v_setall_f32(horizontal[0]);
+          for (int i = 1; i < 4; ++i) line = cv::v_muladd(pixel(p + 3 * i), cv::v_setall_f32(horizontal[i]), line);
+          sum = cv::v_muladd(line, cv::v_setall_f32(vertical[k]), sum);
+        }
         const cv::v_int32x4 rounded = cv::v_round(sum);
         int channels[4];
         cv::v_store(channels, rounded);
@@ -97,36 +100,50 @@ cv::Mat sampleColour(const cv::Mat& bgr, const cv::Mat& map, const cv::Mat& insi
 
 }  // namespace
 
-Rectifier::Rectifier(const StereoModel& model, const PixelWarp& left_warp, const PixelWarp& right_warp)
-    : model_(model) {
+Rectifier::Rectifier(const StereoModel& model) : model_(model) {
   model_.validate();
-  left_ = makeSide(model_.left, left_warp);
-  right_ = makeSide(model_.right, right_warp);
+  left_ = makeSide(model_.left, nullptr, {});
+  right_ = makeSide(model_.right, nullptr, {});
 }
 
-Rectifier::Side Rectifier::makeSide(const CameraModel& camera, const PixelWarp& warp) {
+Rectifier::Rectifier(const StereoModel& model, const SettingsFields& fields, const MicroscopeSetting& setting)
+    : model_(model) {
+  model_.validate();
+  if (fields.size() != model_.left.size)
+    throw CalibrationError("the deformation fields of the microscope's settings are for images of " +
+                           std::to_string(fields.size().width) + "x" + std::to_string(fields.size().height) +
+                           ", the stereo calibration is for " + std::to_string(model_.left.size.width) + "x" +
+                           std::to_string(model_.left.size.height) + "; calibrate both at one size");
+  left_ = makeSide(model_.left, &fields.left, setting);
+  right_ = makeSide(model_.right, &fields.right, setting);
+}
+
+Rectifier::Side Rectifier::makeSide(const CameraModel& camera, const SettingsWarp* warp,
+                                    const MicroscopeSetting& setting) {
   const cv::Size size = camera.size;
   Side side;
   cv::Mat map_x, map_y;
   cv::initUndistortRectifyMap(camera.K, camera.D, camera.R, camera.P.get_minor<3, 3>(0, 0), size, CV_32FC1, map_x,
                               map_y);
-  cv::merge(std::vector<cv::Mat>{map_x, map_y}, side.map);
+  cv::merge(std::vector<cv::Mat>{map_x, map_y}, side.calibrated_map);
+  side.map = warp != nullptr ? warp->compose(side.calibrated_map, setting) : side.calibrated_map;
   side.inside.create(size, CV_8UC1);
   for (int y = 0; y < size.height; ++y) {
-    auto* at = side.map.ptr<cv::Vec2f>(y);
+    const auto* at = side.map.ptr<cv::Vec2f>(y);
     uint8_t* in = side.inside.ptr<uint8_t>(y);
     for (int x = 0; x < size.width; ++x) {
-      if (warp) {
-        const cv::Point2d warped = warp({at[x][0], at[x][1]});
-        at[x] = cv::Vec2f(static_cast<float>(warped.x), static_cast<float>(warped.y));
-      }
-      const bool whole_kernel = at[x][0] >= 1 && at[x][1] >= 1 && at[x][0] < static_cast<float>(size.width - 2) &&
+      // One column less on the right: colours are read four bytes at a time.
+      const bool whole_kernel = at[x][0] >= 1 && at[x][1] >= 1 && at[x][0] < static_cast<float>(size.width - 3) &&
                                 at[x][1] < static_cast<float>(size.height - 2);
       in[x] = whole_kernel ? 255 : 0;
     }
   }
   cv::convertMaps(side.map, cv::noArray(), side.map_near, side.map_share, CV_16SC2);
   return side;
+}
+
+double Rectifier::leftShare() const {
+  return static_cast<double>(cv::countNonZero(left_.inside)) / static_cast<double>(left_.inside.total());
 }
 
 cv::Mat Rectifier::usable(const cv::Mat& raw, const Side& side) {
@@ -136,7 +153,9 @@ cv::Mat Rectifier::usable(const cv::Mat& raw, const Side& side) {
     const uint8_t* from = raw.ptr<uint8_t>(y);
     uint8_t* to = mask.ptr<uint8_t>(y);
     for (int x = 0; x < raw.cols; ++x) {
-      const bool saturated = std::max({from[3 * x], from[3 * x + 1], from[3 * x + 2]}) >= kSaturated;
+      const int channels =
+          (from[3 * x] >= kSaturated) + (from[3 * x + 1] >= kSaturated) + (from[3 * x + 2] >= kSaturated);
+      const bool saturated = channels >= 2;
       any |= saturated;
       to[x] = saturated ? 0 : 255;
     }

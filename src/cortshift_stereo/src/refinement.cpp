@@ -93,13 +93,15 @@ class DataTerm {
   /// One line of pixels, kept apart in arrays so that the arithmetic runs in vector registers.
   struct Row {
     static constexpr std::size_t kSums = 7;
-    explicit Row(int width) : warped(static_cast<std::size_t>(width)), slope(warped), counts(warped) {
+    explicit Row(int width) : warped(static_cast<std::size_t>(width)), slope(warped), counts(warped), fraction(warped) {
+      for (std::vector<float>& tap : taps) tap.resize(warped.size());
       for (std::vector<float>& sum : sums) sum.resize(warped.size());
     }
     void clear() {
       for (std::vector<float>& sum : sums) std::fill(sum.begin(), sum.end(), 0.0f);
     }
-    std::vector<float> warped, slope, counts;
+    std::vector<float> warped, slope, counts, fraction;
+    std::vector<float> taps[4];
     std::vector<float> sums[kSums];
   };
   static cv::Mat_<float>& out(CellSums& cells, std::size_t k) {
@@ -115,21 +117,31 @@ class DataTerm {
     const uint8_t* known = known_.ptr<uint8_t>(y);
     const uint8_t* usable = pair_.right_usable.ptr<uint8_t>(y);
     const auto last = static_cast<float>(width - 3);
+    float *p0 = row.taps[0].data(), *p1 = row.taps[1].data(), *p2 = row.taps[2].data(), *p3 = row.taps[3].data();
+    float *fraction = row.fraction.data(), *counts = row.counts.data();
     for (int x = 0; x < width; ++x) {
       const float at = static_cast<float>(x) - d[x];
       const float inside = std::min(std::max(at, 1.0f), last);
       const int column = static_cast<int>(inside);
-      const float t = inside - static_cast<float>(column);
-      const float* p = right + column - 1;  // cubic convolution as a polynomial, as the derivative is wanted too
-      const float c1 = 0.5f * (p[2] - p[0]);
-      const float c2 = p[0] - 2.5f * p[1] + 2 * p[2] - 0.5f * p[3];
-      const float c3 = 1.5f * (p[1] - p[2]) + 0.5f * (p[3] - p[0]);
-      const std::size_t i = static_cast<std::size_t>(x);
-      row.warped[i] = p[1] + t * (c1 + t * (c2 + t * c3));
-      row.slope[i] = c1 + t * (2 * c2 + t * 3 * c3);
-      const bool counts = known[x] && usable[column] && usable[column + 1] && at == inside &&
-                          std::abs(d[x] - surface[x]) < kSameSurface;
-      row.counts[i] = counts ? 1.0f : 0.0f;
+      const float* p = right + column - 1;
+      p0[x] = p[0];
+      p1[x] = p[1];
+      p2[x] = p[2];
+      p3[x] = p[3];
+      fraction[x] = inside - static_cast<float>(column);
+      const bool good = (known[x] & usable[column] & usable[column + 1]) != 0 && at == inside;
+      counts[x] = good ? 1.0f : 0.0f;
+    }
+    float *warped = row.warped.data(), *slope = row.slope.data();
+#pragma GCC ivdep
+    for (int x = 0; x < width; ++x) {  // cubic convolution as a polynomial, as the derivative is wanted too
+      const float t = fraction[x];
+      const float c1 = 0.5f * (p2[x] - p0[x]);
+      const float c2 = p0[x] - 2.5f * p1[x] + 2 * p2[x] - 0.5f * p3[x];
+      const float c3 = 1.5f * (p1[x] - p2[x]) + 0.5f * (p3[x] - p0[x]);
+      warped[x] = p1[x] + t * (c1 + t * (c2 + t * c3));
+      slope[x] = c1 + t * (2 * c2 + t * 3 * c3);
+      counts[x] = std::abs(d[x] - surface[x]) < kSameSurface ? counts[x] : 0.0f;
     }
   }
 
@@ -211,9 +223,18 @@ cv::Mat fillUnknown(const cv::Mat& values, const cv::Mat& known) {
 
 /// Smooths away matching noise below a pixel, keeps larger steps.
 cv::Mat smoothBelowAPixel(const cv::Mat& d) {
-  cv::Mat smooth;
-  cv::GaussianBlur(d, smooth, {}, 2.0);
-  d.copyTo(smooth, cv::abs(d - smooth) > kSameSurface);
+  cv::Mat smooth(d.size(), CV_32FC1);
+  constexpr double kStrips = 4;  // OpenCV blurs floats in one thread; it sees the rows around a strip
+  cv::parallel_for_(
+      cv::Range(0, d.rows),
+      [&](const cv::Range& rows) { cv::GaussianBlur(d.rowRange(rows), smooth.rowRange(rows), {}, 2.0); }, kStrips);
+  cv::parallel_for_(cv::Range(0, d.rows), [&](const cv::Range& rows) {
+    for (int y = rows.start; y < rows.end; ++y) {
+      const float* from = d.ptr<float>(y);
+      float* to = smooth.ptr<float>(y);
+      for (int x = 0; x < d.cols; ++x) to[x] = std::abs(from[x] - to[x]) > kSameSurface ? from[x] : to[x];
+    }
+  });
   return smooth;
 }
 
@@ -271,8 +292,10 @@ cv::Mat bendingWeights(const cv::Mat& cells, int cell) {
 /// and the stiffness; the scale was fitted to phantoms, where it holds within a factor of two from 0.01 to 0.5 px.
 cv::Mat deviationOfCells(const cv::Mat& information, const cv::Mat& stiffness) {
   constexpr double kScale = 1.6;
+  constexpr double kLeastStiffness = 1;  // at an edge of depth the data alone decide
   cv::Mat deviation;
-  cv::pow(blurCells(information, 1.0).mul(blurCells(stiffness, 0.7)) + 1e-9, -0.5, deviation);
+  const cv::Mat stiff = cv::max(blurCells(stiffness, 0.7), kLeastStiffness);
+  cv::pow(blurCells(information, 1.0).mul(stiff) + 1e-9, -0.5, deviation);
   return kScale * deviation;
 }
 
@@ -292,17 +315,18 @@ RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start
   struct Level {
     int cell, rounds;
   };
-  for (const Level& level : {Level{16, 1}, Level{8, 1}, Level{kFinestCell, 2}}) {
+  for (const Level& level : {Level{2 * kFinestCell, 2}, Level{kFinestCell, 1}}) {
     const int cell = level.cell;
     const double reach = kPhotometricReach / cell;
     cv::Mat cells = meanOfCells(d, cell), surface = surfaceThrough(cells, size, cell);
-    const cv::Mat start_cells = meanOfCells(begin, cell);
+    const cv::Mat start_cells = last_information.empty() ? cells.clone() : meanOfCells(begin, cell);
+    const double noise = data.noise(d);
     if (gain.empty())
       gain = cv::Mat(cells.size(), CV_32FC1, cv::Scalar(1));
     else
       cv::resize(gain, gain, cells.size(), 0, 0, cv::INTER_LINEAR);
     for (int round = 0; round < level.rounds; ++round) {
-      const CellSums sums = data.sum(d, surface, gain, data.noise(d), cell);
+      const CellSums sums = data.sum(d, surface, gain, noise, cell);
       const cv::Mat offset = blurCells(sums.wr, reach) / (blurCells(sums.w, reach) + 1e-9f);
       const cv::Mat right = blurCells(sums.right, reach);
       gain = blurCells(sums.left, reach) / (right + 1e-3f);
@@ -329,9 +353,19 @@ RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start
 double deviationOf(double confidence) { return kHalfConfidence * std::sqrt(std::max(0.0, 1 / confidence - 1)); }
 
 cv::Mat confidenceOf(const cv::Mat& deviation) {
-  const cv::Mat ratio = deviation / kHalfConfidence;
-  cv::Mat confidence = 1 / (1 + ratio.mul(ratio));
-  confidence.setTo(0, ~(deviation == deviation));  // NaN
+  CV_Assert(deviation.type() == CV_32FC1);
+  cv::Mat confidence(deviation.size(), CV_32FC1);
+  cv::parallel_for_(cv::Range(0, deviation.rows), [&](const cv::Range& rows) {
+    constexpr auto kScale = static_cast<float>(1 / (kHalfConfidence * kHalfConfidence));
+    for (int y = rows.start; y < rows.end; ++y) {
+      const float* from = deviation.ptr<float>(y);
+      float* to = confidence.ptr<float>(y);
+      for (int x = 0; x < deviation.cols; ++x) {
+        const float value = 1 / (1 + kScale * from[x] * from[x]);
+        to[x] = value > 0 ? value : 0;  // for NaN too
+      }
+    }
+  });
   return confidence;
 }
 

@@ -13,12 +13,13 @@ cv::Mat triangulate(const cv::Mat& disparity, const StereoModel& model) {
     for (int y = rows.start; y < rows.end; ++y) {
       const float* d = disparity.ptr<float>(y);
       auto* point = points.ptr<cv::Vec3f>(y);
+      // Along a row the ray of unit depth moves evenly.
+      const cv::Vec3d first = R_raw_rectified * cv::Vec3d(-P(0, 2) / P(0, 0), (y - P(1, 2)) / P(1, 1), 1);
+      const cv::Vec3d along = R_raw_rectified * cv::Vec3d(1 / P(0, 0), 0, 0);
       for (int x = 0; x < disparity.cols; ++x) {
-        const double z = depthOfDisparity(model, d[x]);
-        if (z > 0)  // not for NaN
-          point[x] = R_raw_rectified * cv::Vec3d((x - P(0, 2)) / P(0, 0) * z, (y - P(1, 2)) / P(1, 1) * z, z);
-        else
-          point[x] = cv::Vec3f::all(std::numeric_limits<float>::quiet_NaN());
+        const double depth = depthOfDisparity(model, d[x]);
+        const double z = depth > 0 ? depth : std::numeric_limits<double>::quiet_NaN();  // for NaN too
+        for (int i = 0; i < 3; ++i) point[x][i] = static_cast<float>(z * (first[i] + x * along[i]));
       }
     }
   });

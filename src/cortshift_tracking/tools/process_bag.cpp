@@ -33,6 +33,7 @@ and a clock, as fast as the machine allows, and the same bits every time.
   --output DIR               new folder: stages/, FROM__TO.bag (DisplacementField on /shift/field), summary.csv [m, rad],
                              timing.csv
   --config FOLDER            surface_reconstruction.yaml and shift_tracker.yaml; by default the workspace's config/
+  --settings-calibration FOLDER  what calibrate_settings wrote, for other settings of the microscope than the reference
   --static-tf FILE           YAML file of transforms that the bag's /tf_static lacks, as for publish_static_tf
   --gravity X,Y,Z            direction of gravity in pmr, in place of what the configuration says
   --threads N                0: one for each core; by default what the configuration says
@@ -142,6 +143,7 @@ void run(const Options& options) {
 
 int main(int argc, char** argv) {
   ros::console::set_logger_level(ROSCONSOLE_ROOT_LOGGER_NAME, ros::console::levels::Warn);
-  return cortshift_stereo::runTool(argc, argv, kHelp, {"output", "plan", "config", "static-tf", "gravity", "threads"},
-                                   run, {"CASE.bag"}, {"capture", "shift"});
+  return cortshift_stereo::runTool(
+      argc, argv, kHelp, {"output", "plan", "config", "settings-calibration", "static-tf", "gravity", "threads"}, run,
+      {"CASE.bag"}, {"capture", "shift"});
 }

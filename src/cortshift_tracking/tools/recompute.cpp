@@ -21,7 +21,7 @@ using cortshift_stereo::Options;
 namespace fs = std::filesystem;
 
 constexpr const char* kHelp =
-    R"(recompute CASE_DIR [--output DIR] [--config FOLDER] [--gravity X,Y,Z] [--threads N]
+    R"(recompute CASE_DIR [--output DIR] [--config FOLDER] [--settings-calibration FOLDER] [--gravity X,Y,Z] [--threads N]
 
 Reconstruct every stage of a case again from the raw pair, calibration and poses stored with it, compute its fields again,
 with today's code and settings, and print a table of what changed. The case itself is left alone.
@@ -30,6 +30,7 @@ with today's code and settings, and print a table of what changed. The case itse
                    A stage keeps one pair: a surface that was the mean of several changes with it.
   --output DIR     new folder for the new stages and fields; by default they are only compared
   --config FOLDER  surface_reconstruction.yaml and shift_tracker.yaml; by default the workspace's config/
+  --settings-calibration FOLDER  what calibrate_settings wrote, for other settings than the reference
   --gravity X,Y,Z  direction of gravity in pmr, in place of what the configuration says
   --threads N      0: one for each core; by default what the configuration says
 
@@ -113,7 +114,7 @@ void run(const Options& options) {
       const cortshift_msgs::DisplacementField stored = fieldFromBag(path);
       const StageShift made = computeStageShift(output.store(), stored.from_key, stored.to_key, first_normal,
                                                 gravity ? gravity : parameters.tracker.gravity_pmr,
-                                                parameters.tracker.shift, regions[stored.from_key]);
+                                                parameters.tracker.shift, regions[stored.from_key], true);
       output.add(made);
       const cv::Mat before = fieldFromMessage(stored).displacement_pmr;
       const cv::Mat& after = made.result.field.displacement_pmr;
@@ -139,5 +140,6 @@ void run(const Options& options) {
 
 int main(int argc, char** argv) {
   ros::console::set_logger_level(ROSCONSOLE_ROOT_LOGGER_NAME, ros::console::levels::Warn);
-  return cortshift_stereo::runTool(argc, argv, kHelp, {"output", "config", "gravity", "threads"}, run, {"CASE_DIR"});
+  return cortshift_stereo::runTool(
+      argc, argv, kHelp, {"output", "config", "settings-calibration", "gravity", "threads"}, run, {"CASE_DIR"});
 }

@@ -16,12 +16,13 @@ using namespace cortshift_tracking;
 using cortshift_stereo::Options;
 
 constexpr const char* kHelp =
-    R"(validate_bag CASE.bag [--config FOLDER] [--static-tf FILE]
+    R"(validate_bag CASE.bag [--config FOLDER] [--settings-calibration FOLDER] [--static-tf FILE]
 
 Say what a recorded case holds, what of the contract it lacks, how far apart the images of its pairs are, where tracking
 has gaps, whether its calibration makes sense, and when stages can be captured. Reads no image.
 
   --config FOLDER   surface_reconstruction.yaml and shift_tracker.yaml; by default the workspace's config/
+  --settings-calibration FOLDER  what calibrate_settings wrote, for other settings than the reference
   --static-tf FILE  YAML file of transforms that the bag's /tf_static lacks, as for publish_static_tf
 
 Exit: 0 stages can be captured, 1 none can or the bag cannot be read, 2 bad usage.
@@ -131,5 +132,6 @@ void run(const Options& options) {
 
 int main(int argc, char** argv) {
   ros::console::set_logger_level(ROSCONSOLE_ROOT_LOGGER_NAME, ros::console::levels::Warn);
-  return cortshift_stereo::runTool(argc, argv, kHelp, {"config", "static-tf"}, run, {"CASE.bag"});
+  return cortshift_stereo::runTool(argc, argv, kHelp, {"config", "settings-calibration", "static-tf"}, run,
+                                   {"CASE.bag"});
 }

@@ -27,10 +27,13 @@ struct FlowSettings {
   int inner_iterations = 1;    ///< updates of psi' and phi' per linearisation
   int solver_iterations = 10;  ///< sweeps of successive over-relaxation per update
 
+  double presmoothing = 0;  ///< standard deviation of a Gaussian over each level's images [px] (kVariational)
+
   // Polish (kPolished).
   double curvature = 0.004;          ///< expected second difference of the flow over 4 px [px]
   int coarse_polish_iterations = 5;  ///< Gauss-Newton steps at each coarser level
   int full_polish_iterations = 2;    ///< and at full resolution
+  int finest_level = 0;              ///< where the polish ends: 0 full resolution, 1 half, 2 a quarter
 
   double search_range = 0.3;  ///< largest motion along an axis, as a share of the shorter side (kPolished)
 

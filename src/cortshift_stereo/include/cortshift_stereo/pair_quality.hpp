@@ -26,13 +26,13 @@ struct PairLimits {
   double max_saturated_share = 0.25;   ///< [0...1] of the pixels
   double min_sharpness = 0.18;         ///< see ImageQuality
   double max_epipolar_residual = 1.0;  ///< [px]
-  double min_coverage = 0.25;          ///< [0...1] of the rectified left image with a valid point
+  double min_coverage = 0.25;          ///< [0...1] of what the camera shows of the rectified left image, with a point
 };
 
 /// What one image looks like.
 struct ImageQuality {
   double contrast;         ///< [grey levels] standard deviation of the luminance
-  double saturated_share;  ///< [0...1]
+  double saturated_share;  ///< [0...1] of the pixels have two channels at the upper end
   double sharpness;        ///< amplitude of detail of 2-4 px relative to detail of 8-16 px in the middle of the image:
                            ///< 0.5 ... 1 in focus, below 0.17 when blurred by 4 px
 };

@@ -1,9 +1,9 @@
 // Raw stereo images to row-aligned ones, in one resampling.
 #pragma once
 
-#include <functional>
 #include <opencv2/core.hpp>
 
+#include "cortshift_stereo/calibration/settings_fields.hpp"
 #include "cortshift_stereo/camera_model.hpp"
 
 namespace cortshift_stereo {
@@ -19,15 +19,17 @@ struct RectifiedPair {
   cv::Mat right_usable;  ///< the same
 };
 
-/// Raw pixel of the calibrated camera to the pixel of the image as taken; identity where it is empty. Compensation
-/// for other microscope settings enters here (Ji et al. 2014, section 2.3).
-using PixelWarp = std::function<cv::Point2d(const cv::Point2d&)>;
-
 /// Rectification by each camera's own K, D, R and P (the two principal points may differ).
 class Rectifier {
  public:
+  /// For images taken at the setting that the model was calibrated at.
   /// @throws CalibrationError if the model is not valid
-  explicit Rectifier(const StereoModel& model, const PixelWarp& left_warp = {}, const PixelWarp& right_warp = {});
+  explicit Rectifier(const StereoModel& model);
+
+  /// For images taken at another setting of the microscope: one resampling rectifies them and turns them into what the
+  /// calibrated setting would have given (Ji et al. 2014, section 2.3).
+  /// @throws CalibrationError if the model is not valid or the fields are for another image size; SettingNotCalibrated
+  Rectifier(const StereoModel& model, const SettingsFields& fields, const MicroscopeSetting& setting);
 
   const StereoModel& model() const { return model_; }
 
@@ -35,18 +37,22 @@ class Rectifier {
   /// @throws std::invalid_argument otherwise
   RectifiedPair rectify(const cv::Mat& left, const cv::Mat& right) const;
 
-  /// CV_32FC2: raw position [px] of each pixel of a rectified image.
-  const cv::Mat& leftMap() const { return left_.map; }
-  const cv::Mat& rightMap() const { return right_.map; }
+  /// CV_32FC2: position [px] of each pixel of a rectified image in the raw image at the calibrated setting.
+  const cv::Mat& leftMap() const { return left_.calibrated_map; }
+  const cv::Mat& rightMap() const { return right_.calibrated_map; }
+
+  /// Share of the rectified left image that the raw one shows, 0...1.
+  double leftShare() const;
 
  private:
   struct Side {
-    cv::Mat map;       // CV_32FC2 raw position of each rectified pixel [px]; far outside where there is none
+    cv::Mat calibrated_map;
+    cv::Mat map;       // CV_32FC2 position of each rectified pixel in the raw image [px]; outside where there is none
     cv::Mat inside;    // CV_8UC1 255 where the whole interpolation kernel lies in the raw image
     cv::Mat map_near;  // CV_16SC2 and CV_16UC1: the same in OpenCV's fixed point, for the colours
     cv::Mat map_share;
   };
-  static Side makeSide(const CameraModel& camera, const PixelWarp& warp);
+  static Side makeSide(const CameraModel& camera, const SettingsWarp* warp, const MicroscopeSetting& setting);
   static cv::Mat usable(const cv::Mat& raw, const Side& side);
 
   StereoModel model_;

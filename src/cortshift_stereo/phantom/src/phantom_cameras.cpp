@@ -117,6 +117,28 @@ StereoHead makeStereoHead(const CameraSettings& settings) {
   return head;
 }
 
+StereoHead atSetting(const StereoHead& reference, const CameraSettings& settings, double magnification,
+                     double focal_length) {
+  StereoHead head = reference;
+  if (!settings.zoom) return head;
+  const ZoomSettings& zoom = *settings.zoom;
+  const double m = magnification / zoom.magnification, f = focal_length / zoom.focal_length;
+  const double scale = m * std::pow(f, -zoom.focal_power) * (1 + zoom.breathing * (m - 1) * (m - 1));
+  const Eigen::Vector2d drift = (m - 1) * zoom.drift_zoom + (f - 1) * zoom.drift_focus;
+  for (const Side side : {Side::kLeft, Side::kRight}) {
+    auto& camera = side == Side::kLeft ? head.model.left : head.model.right;
+    const double sign = side == Side::kLeft ? 1 : -1;
+    camera.K(0, 0) *= scale;
+    camera.K(1, 1) *= scale;
+    camera.K(0, 2) += sign * drift.x();
+    camera.K(1, 2) += sign * drift.y();
+    camera.D[0] += (m - 1) * zoom.distortion.x() + (f - 1) * zoom.distortion.y();
+    Eigen::Isometry3d& T_head_camera = side == Side::kLeft ? head.T_head_left : head.T_head_right;
+    T_head_camera = T_head_camera * Eigen::Translation3d(0, 0, (m - 1) * zoom.pupil_travel);
+  }
+  return head;
+}
+
 Eigen::Isometry3d placeHead(const PlacementSettings& placement) {
   // Without tilt and roll the head looks down on the brain: x as the brain's, y and z against it.
   const Eigen::Matrix3d down = Eigen::Vector3d(1, -1, -1).asDiagonal();

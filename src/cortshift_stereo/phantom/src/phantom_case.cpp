@@ -56,6 +56,16 @@ void checkCameras(const CameraSettings& cameras) {
   check("cameras.right_principal_offset", cameras.right_principal_offset, -200, 200);
   check("cameras.right_focal_ratio", cameras.right_focal_ratio, 0.9, 1.1);
   check("cameras.right_misalignment", cameras.right_misalignment, -0.1, 0.1);
+  if (!cameras.zoom) return;
+  const ZoomSettings& zoom = *cameras.zoom;
+  check("cameras.zoom.magnification", zoom.magnification, 0.1, 50);
+  check("cameras.zoom.focal_length", zoom.focal_length, 0.05, 2);
+  check("cameras.zoom.focal_power", zoom.focal_power, 0, 2);
+  check("cameras.zoom.breathing", zoom.breathing, -0.2, 0.2);
+  check("cameras.zoom.drift_zoom", zoom.drift_zoom, -100, 100);
+  check("cameras.zoom.drift_focus", zoom.drift_focus, -100, 100);
+  check("cameras.zoom.distortion", zoom.distortion, -2, 2);
+  check("cameras.zoom.pupil_travel", zoom.pupil_travel, -0.05, 0.05);
 }
 
 void checkLightAndImage(const LightSettings& light, const ImageSettings& image) {
@@ -148,6 +158,17 @@ void readCameras(StrictMap& map, CameraSettings& cameras) {
   map.get("right_principal_offset", cameras.right_principal_offset);
   map.get("right_focal_ratio", cameras.right_focal_ratio);
   map.get("right_misalignment", cameras.right_misalignment);
+  map.section("zoom", [&](StrictMap& m) {
+    ZoomSettings& zoom = cameras.zoom.emplace();
+    m.get("magnification", zoom.magnification);
+    m.get("focal_length", zoom.focal_length);
+    m.get("focal_power", zoom.focal_power);
+    m.get("breathing", zoom.breathing);
+    m.get("drift_zoom", zoom.drift_zoom);
+    m.get("drift_focus", zoom.drift_focus);
+    m.get("distortion", zoom.distortion);
+    m.get("pupil_travel", zoom.pupil_travel);
+  });
 }
 
 void readLight(StrictMap& map, LightSettings& light) {
@@ -234,6 +255,11 @@ void PhantomCase::validate() const {
     if (!names.insert(stages[i].name).second)
       throw PhantomCaseError(key + ".name = " + stages[i].name + " is taken by an earlier stage");
     checkStage(key, stages[i]);
+    if (!cameras.zoom) continue;
+    check(key + ".magnification", stages[i].magnification, 0.3 * cameras.zoom->magnification,
+          3 * cameras.zoom->magnification);
+    check(key + ".focal_length", stages[i].focal_length, 0.5 * cameras.zoom->focal_length,
+          2 * cameras.zoom->focal_length);
   }
 }
 

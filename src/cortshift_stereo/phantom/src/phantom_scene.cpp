@@ -116,6 +116,11 @@ Eigen::Isometry3d PhantomScene::T_pmr_head(int stage) const {
   return case_.T_pmr_brain * placeHead(case_.stages.at(static_cast<std::size_t>(stage)).microscope);
 }
 
+StereoHead PhantomScene::headOf(int stage) const {
+  const StageSettings& settings = case_.stages.at(static_cast<std::size_t>(stage));
+  return atSetting(head_, case_.cameras, settings.magnification, settings.focal_length);
+}
+
 Eigen::Isometry3d PhantomScene::T_reference_microscope(int stage) const {
   return case_.T_pmr_reference.inverse() * T_pmr_head(stage) * case_.T_microscope_head.inverse();
 }

@@ -24,20 +24,6 @@ std::array<double, kHighestPower + 1> powersOf(double base) {
   return powers;
 }
 
-std::string rangeText(const std::vector<MicroscopeSetting>& settings) {
-  MicroscopeSetting low = settings.front(), high = settings.front();
-  for (const auto& setting : settings) {
-    low.magnification = std::min(low.magnification, setting.magnification);
-    low.focal_length = std::min(low.focal_length, setting.focal_length);
-    high.magnification = std::max(high.magnification, setting.magnification);
-    high.focal_length = std::max(high.focal_length, setting.focal_length);
-  }
-  std::ostringstream text;
-  text << "magnification " << low.magnification << " to " << high.magnification << ", focal length "
-       << low.focal_length * 1e3 << " to " << high.focal_length * 1e3 << " mm";
-  return text.str();
-}
-
 bool possible(const MicroscopeSetting& setting) {
   return std::isfinite(setting.magnification) && std::isfinite(setting.focal_length) && setting.focal_length > 0;
 }
@@ -90,10 +76,24 @@ bool SettingsWarp::covers(const MicroscopeSetting& setting) const {
   return possible(setting) && insideHull(hull_, model_.scaled(setting), kHullTolerance);
 }
 
+std::string SettingsWarp::calibratedRange() const {
+  MicroscopeSetting low = model_.calibrated.front(), high = low;
+  for (const auto& setting : model_.calibrated) {
+    low.magnification = std::min(low.magnification, setting.magnification);
+    low.focal_length = std::min(low.focal_length, setting.focal_length);
+    high.magnification = std::max(high.magnification, setting.magnification);
+    high.focal_length = std::max(high.focal_length, setting.focal_length);
+  }
+  std::ostringstream text;
+  text << "magnification " << low.magnification << " to " << high.magnification << ", focal length "
+       << low.focal_length * 1e3 << " to " << high.focal_length * 1e3 << " mm";
+  return text.str();
+}
+
 void SettingsWarp::requireCovered(const MicroscopeSetting& setting) const {
   if (covers(setting)) return;
-  throw SettingNotCalibrated(describe(setting) + " is outside the calibrated settings (" +
-                             rangeText(model_.calibrated) + "); turn the microscope back or calibrate there");
+  throw SettingNotCalibrated(describe(setting) + " is outside the calibrated settings (" + calibratedRange() +
+                             "); turn the microscope back or calibrate there");
 }
 
 std::vector<cv::Vec2d> SettingsWarp::fieldAt(const MicroscopeSetting& setting) const {

@@ -2,9 +2,8 @@
 
 #include <ros/console.h>
 
-#include <algorithm>
-#include <cmath>
-#include <cstdio>
+#include <optional>
+#include <utility>
 
 #include "cortshift_stereo/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
@@ -12,14 +11,13 @@
 namespace cortshift_stereo {
 namespace {
 
-std::string text(double value) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%.4g", value);
-  return out;
-}
-
 cv::Mat decode(const ImageMessage& image) {
   return image.raw ? bgrFromImage(*image.raw) : bgrFromImage(*image.compressed);
+}
+
+std::shared_ptr<const SettingsFields> fieldsOf(const std::string& folder) {
+  if (folder.empty()) return nullptr;
+  return std::make_shared<const SettingsFields>(readSettingsFields(folder));
 }
 
 }  // namespace
@@ -40,76 +38,53 @@ DropReason dropReason(const std::exception& error) {
   return {"internal", "The pair could not be processed: " + what + "."};
 }
 
-void PairReconstruction::check(const PairMessages& pair) {
-  prepareRectifier(pair);
-  checkSettings(pair);
+PairReconstruction::PairReconstruction(const SurfaceReconstructionParameters& parameters)
+    : parameters_(parameters),
+      rectifiers_(fieldsOf(parameters.settings_calibration), parameters.referenceSetting(),
+                  parameters.settings_tolerance),
+      recent_(parameters.average, static_cast<std::size_t>(parameters.average_pairs)) {}
+
+std::shared_ptr<const Rectifier> PairReconstruction::rectifierFor(const PairMessages& pair) {
+  calibrate(pair);
+  std::optional<MicroscopeSetting> setting;  // absent means the reference
+  if (pair.settings) setting = {pair.settings->magnification, pair.settings->focal_length};
+  if (setting && !rectifiers_.reference())
+    ROS_WARN_STREAM("no reference setting is configured: "
+                    << describe(*setting) << " is taken for the one of the calibration in camera_info");
+  return rectifiers_.at(setting);
 }
 
 PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseAt& pose_at) {
-  check(pair);
   PairSurface out;
-  out.rectifier = rectifier_;
-  out.result = reconstruct(decode(pair.left), decode(pair.right), *rectifier_, parameters_.reconstruction);
-  const Eigen::Isometry3d T_map_left = pose_at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);
-  out.averaged = average(pair.stamp, T_map_left, out.result);
+  out.frame.rectifier = rectifierFor(pair);
+  out.result = reconstruct(decode(pair.left), decode(pair.right), *out.frame.rectifier, parameters_.reconstruction);
+  out.frame.stamp_ns = static_cast<std::int64_t>(pair.stamp.toNSec());
+  out.frame.T_pmr_left = pose_at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);
+  out.frame.frame = {out.result.disparity, out.result.surface_left.colour, out.result.surface_left.confidence};
+  recent_.add(out.frame);
+  out.averaged = recent_.size();
+  Eigen::Isometry3d T_pmr_surface = out.frame.T_pmr_left;
+  if (out.averaged > 1) {
+    const ViewFrames::Mean mean = recent_.mean();
+    out.result.disparity = mean.result.disparity;
+    out.result.surface_left = mean.result.surface_left;
+    T_pmr_surface = mean.T_pmr_left;
+  }
   out.surface_map = out.result.surface_left;
-  out.surface_map.points = transformPoints(T_map_left, out.result.surface_left.points);
+  out.surface_map.points = transformPoints(T_pmr_surface, out.result.surface_left.points);
   return out;
 }
 
-std::size_t PairReconstruction::average(const ros::Time& stamp, const Eigen::Isometry3d& T_map_left,
-                                        ReconstructionResult& result) {
-  if (parameters_.average_pairs == 1) return 1;
-  const auto another = [&](const PastFrame& past) {
-    const Eigen::Isometry3d movement = past.T_map_left.inverse() * T_map_left;
-    return past.stamp >= stamp || (stamp - past.stamp).toSec() > parameters_.average_window ||
-           past.rectifier != rectifier_ || movement.translation().norm() > parameters_.average_max_translation ||
-           Eigen::AngleAxisd(movement.linear()).angle() > parameters_.average_max_rotation;
-  };
-  past_.erase(std::remove_if(past_.begin(), past_.end(), another), past_.end());
-  if (past_.size() >= static_cast<std::size_t>(parameters_.average_pairs)) past_.erase(past_.begin());
-  past_.push_back(
-      {stamp, T_map_left, rectifier_, {result.disparity, result.surface_left.colour, result.surface_left.confidence}});
-  std::vector<Frame> frames;
-  for (const PastFrame& past : past_) frames.push_back(past.frame);
-  ReconstructionResult mean = averageFrames(frames, rectifier_->model());
-  result.disparity = mean.disparity;
-  result.surface_left = mean.surface_left;
-  return frames.size();
-}
-
-void PairReconstruction::prepareRectifier(const PairMessages& pair) {
+void PairReconstruction::calibrate(const PairMessages& pair) {
   const sensor_msgs::CameraInfoConstPtr &left = pair.left_info, &right = pair.right_info;
   if (!left || !right)
     throw PairError("camera_info", std::string("No camera_info of the ") + (left ? "right" : "left") +
                                        " camera has arrived: check that the driver or the bag publishes it.");
-  if (rectifier_ && sameCalibration(*left, *left_info_) && sameCalibration(*right, *right_info_)) return;
-  rectifier_ = nullptr;
-  rectifier_ = std::make_shared<const Rectifier>(stereoModelFromInfo(*left, *right));
+  if (left_info_ && sameCalibration(*left, *left_info_) && sameCalibration(*right, *right_info_)) return;
+  left_info_ = right_info_ = nullptr;
+  rectifiers_.calibrate(stereoModelFromInfo(*left, *right));
   left_info_ = left;
   right_info_ = right;
-  calibrated_setting_ = parameters_.referenceSetting();
-}
-
-void PairReconstruction::checkSettings(const PairMessages& pair) {
-  if (!pair.settings) return;  // absent means the reference setting
-  const MicroscopeSetting now{pair.settings->magnification, pair.settings->focal_length};
-  if (!calibrated_setting_) {
-    ROS_WARN_STREAM("no reference setting is configured: magnification "
-                    << now.magnification << " and focal length " << now.focal_length
-                    << " m are taken for those that the calibration in camera_info was made at");
-    calibrated_setting_ = now;
-  }
-  const auto same = [&](double value, double reference) {
-    return std::abs(value - reference) <= parameters_.settings_tolerance * reference;
-  };
-  if (!same(now.magnification, calibrated_setting_->magnification) ||
-      !same(now.focal_length, calibrated_setting_->focal_length))
-    throw PairError("settings", "The microscope is at magnification " + text(now.magnification) + " and focal length " +
-                                    text(now.focal_length) + " m, but the calibration is for magnification " +
-                                    text(calibrated_setting_->magnification) + " and focal length " +
-                                    text(calibrated_setting_->focal_length) +
-                                    " m, and no calibration of other settings is loaded: return to that setting.");
 }
 
 }  // namespace cortshift_stereo

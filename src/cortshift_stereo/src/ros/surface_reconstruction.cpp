@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <type_traits>
 
+#include "cortshift_stereo/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 
 namespace cortshift_stereo {
@@ -49,7 +50,9 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
       node_(node),
       poses_(parameters.max_pose_gap),
       synchroniser_(std::llround(1e9 * parameters.sync_tolerance), parameters.pair_timeout),
-      reconstruction_(parameters) {
+      reconstruction_(parameters),
+      collector_(parameters.average) {
+  calibrated_settings_ = reconstruction_.calibratedSettings();
   points_publisher_ = node_.advertise<sensor_msgs::PointCloud2>("surface/points", 2);
   disparity_publisher_ = node_.advertise<stereo_msgs::DisparityImage>("surface/disparity", 2);
   updater_.setHardwareID("none");
@@ -63,13 +66,18 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
   subscribers_.push_back(node_.subscribe<cortshift_msgs::MicroscopeSettings>(
       "microscope/settings", 10, [this](const cortshift_msgs::MicroscopeSettings::ConstPtr& message) {
         const std::lock_guard<std::mutex> lock(input_mutex_);
-        settings_ = message;
+        settings_.add(message);
       }));
   unpaired_timer_ =
       node_.createWallTimer(ros::WallDuration(0.1), [this](const ros::WallTimerEvent&) { reportUnpaired(); });
   diagnostics_timer_ =
       node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
   worker_ = std::thread([this] { work(); });
+  ros::NodeHandle services("~");
+  services.setCallbackQueue(&service_queue_);  // a request waits for pairs
+  average_service_ = services.advertiseService("average_pairs", &SurfaceReconstruction::averagePairs, this);
+  service_spinner_ = std::make_unique<ros::AsyncSpinner>(2, &service_queue_);
+  service_spinner_->start();
 }
 
 SurfaceReconstruction::~SurfaceReconstruction() {
@@ -78,6 +86,8 @@ SurfaceReconstruction::~SurfaceReconstruction() {
     stop_ = true;
   }
   input_arrived_.notify_all();
+  collector_.close();
+  service_spinner_->stop();
   worker_.join();
 }
 
@@ -121,6 +131,8 @@ void SurfaceReconstruction::work() {
     } catch (const std::exception& error) {
       drop(dropReason(error), stamp);
     }
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    calibrated_settings_ = reconstruction_.calibratedSettings();
   }
 }
 
@@ -128,15 +140,22 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
   const auto pose_at = [this](const std::string& target, const std::string& source, const ros::Time& time) {
     return poses_.lookup(target, source, time, ros::WallDuration(parameters_.pose_timeout));
   };
-  const PairSurface surface = reconstruction_(gather(pair, stamp), pose_at);
-
+  const PairMessages messages = gather(pair, stamp);
+  const PairSurface surface = reconstruction_(messages, pose_at);
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    if (settings_.at(stamp) != messages.settings)
+      throw PairError("settings",
+                      "The microscope's setting at the time of the pair was reported too late: take the pair "
+                      "again.");
+  }
   std_msgs::Header header;
   header.stamp = stamp;
   header.frame_id = parameters_.map_frame;
   points_publisher_.publish(toPointCloud2(surface.surface_map, header));
   if (disparity_publisher_.getNumSubscribers() > 0) {
     header.frame_id = parameters_.camera_frame;
-    disparity_publisher_.publish(toDisparityImage(surface.result.disparity, surface.rectifier->model(),
+    disparity_publisher_.publish(toDisparityImage(surface.result.disparity, surface.frame.rectifier->model(),
                                                   surface.result.quality.search_range, header));
   }
   {
@@ -149,6 +168,37 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
     last_averaged_ = surface.averaged;
   }
   publishDiagnostics();
+  collector_.offer(surface.frame);
+}
+
+bool SurfaceReconstruction::averagePairs(cortshift_msgs::AveragePairs::Request& request,
+                                         cortshift_msgs::AveragePairs::Response& response) {
+  try {
+    const FrameCollector::Gathered gathered =
+        collector_.await(request.pairs, static_cast<std::int64_t>(request.since.toNSec()),
+                         std::chrono::duration<double>(request.patience.toSec()));
+    ViewFrames::Mean mean = gathered.frames.mean();
+    mean.result.surface_left.points = transformPoints(mean.T_pmr_left, mean.result.surface_left.points);
+    std_msgs::Header header;
+    header.stamp.fromNSec(static_cast<uint64_t>(gathered.last_stamp_ns));
+    header.frame_id = parameters_.map_frame;
+    response.surface = toPointCloud2(mean.result.surface_left, header);
+    response.success = true;
+    response.message = "mean of " + std::to_string(gathered.frames.size()) + " pairs";
+    if (gathered.offered > gathered.frames.size())
+      response.message += "; " + std::to_string(gathered.offered - gathered.frames.size()) +
+                          " more were left out, as the microscope or its setting had moved";
+  } catch (const std::invalid_argument& error) {
+    response.success = false;
+    response.message = error.what();
+  } catch (const CollectionError& error) {
+    response.success = false;
+    response.message = error.what();
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    if (last_pair_dropped_) response.message += "; the last pair was dropped: " + last_drop_->why.message;
+  }
+  if (!response.success) ROS_WARN_STREAM("average_pairs refused: " << response.message);
+  return true;
 }
 
 PairMessages SurfaceReconstruction::gather(const Synchroniser::Pair& pair, const ros::Time& stamp) {
@@ -156,7 +206,7 @@ PairMessages SurfaceReconstruction::gather(const Synchroniser::Pair& pair, const
   const auto deadline =
       std::chrono::steady_clock::now() + std::chrono::duration<double>(parameters_.calibration_timeout);
   input_arrived_.wait_until(lock, deadline, [this] { return stop_ || (infos_[0] && infos_[1]); });
-  return {stamp, pair.left, pair.right, infos_[0], infos_[1], settings_};
+  return {stamp, pair.left, pair.right, infos_[0], infos_[1], settings_.at(stamp)};
 }
 
 void SurfaceReconstruction::drop(const DropReason& why, const ros::Time& stamp) {
@@ -191,6 +241,7 @@ void SurfaceReconstruction::diagnose(diagnostic_updater::DiagnosticStatusWrapper
   status.add("pairs_overtaken", pairs_overtaken_);
   status.add("surfaces_published", surfaces_published_);
   for (const auto& [reason, count] : drops_) status.add("dropped_" + reason, count);
+  status.add("calibrated_settings", calibrated_settings_);
   if (!last_quality_) return;
   status.add("averaged_pairs", last_averaged_);
   status.add("coverage", text(last_quality_->coverage));

@@ -19,15 +19,16 @@ SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const Para
   reader.number("max_pose_gap", p.max_pose_gap, 0.001, 2.0);
   reader.number("pose_timeout", p.pose_timeout, 0.0, 10.0);
   reader.number("calibration_timeout", p.calibration_timeout, 0.0, 10.0);
+  reader.choice("settings_calibration", p.settings_calibration);
   reader.number("reference_magnification", p.reference_magnification, 0.0, 100.0);
   reader.number("reference_focal_length", p.reference_focal_length, 0.0, 10.0);
   if ((p.reference_magnification == 0) != (p.reference_focal_length == 0))
     throw ParameterError("of reference_magnification and reference_focal_length one is given and the other is not");
   reader.number("settings_tolerance", p.settings_tolerance, 0.0, 0.1);
   reader.number("average_pairs", p.average_pairs, 1, 64);
-  reader.number("average_window", p.average_window, 0.01, 60.0);
-  reader.number("average_max_translation", p.average_max_translation, 0.0, 0.1);
-  reader.number("average_max_rotation", p.average_max_rotation, 0.0, 0.5);
+  reader.number("average_window", p.average.age, 0.01, 60.0);
+  reader.number("average_max_translation", p.average.translation, 0.0, 0.1);
+  reader.number("average_max_rotation", p.average.rotation, 0.0, 0.5);
   ReconstructionSettings& r = p.reconstruction;
   reader.number("min_working_distance", r.min_working_distance, 0.02, 10.0);
   reader.number("max_working_distance", r.max_working_distance, 0.02, 100.0);

@@ -5,6 +5,8 @@
 #include <cstdio>
 
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/ros/pose_watch.hpp"
+#include "cortshift_tracking/ros/registration.hpp"
 #include "cortshift_tracking/ros/stage_record.hpp"
 
 namespace cortshift_tracking {
@@ -34,21 +36,19 @@ PairMessages pairOf(const StageRecord& record) {
 StageRecord CaseCapture::recordOf(const PairPlace& place) const {
   const PairMessages messages = recording_.read(place);
   cortshift_stereo::SurfaceReconstructionParameters parameters = parameters_.reconstruction;
-  if (!parameters.referenceSetting())
+  if (!parameters.referenceSetting() && parameters.settings_calibration.empty())
     if (const auto reference = recording_.referenceSetting(messages)) {
       parameters.reference_magnification = reference->magnification;
       parameters.reference_focal_length = reference->focal_length;
     }
   cortshift_stereo::PairReconstruction reconstruct(parameters);
   const auto surfaceOf = [&](const PairPlace& pair, const PairMessages& content) {
-    return reconstruct(content, [&](const std::string& target, const std::string& source, const ros::Time& stamp) {
-      return recording_.poseAt(target, source, stamp, pair.arrival, parameters.max_pose_gap);
-    });
+    return reconstruct(content, recording_.posesAround(pair.arrival, parameters.max_pose_gap));
   };
   if (parameters.average_pairs > 1)
     for (const PairPlace& earlier :
-         recording_.pairs(shifted(place.arrival, -parameters.average_window - kSlice), place.arrival)) {
-      if (earlier.stamp >= place.stamp || (place.stamp - earlier.stamp).toSec() > parameters.average_window) continue;
+         recording_.pairs(shifted(place.arrival, -parameters.average.age - kSlice), place.arrival)) {
+      if (earlier.stamp >= place.stamp || (place.stamp - earlier.stamp).toSec() > parameters.average.age) continue;
       try {
         surfaceOf(earlier, recording_.read(earlier));
       } catch (const std::exception&) {
@@ -79,17 +79,13 @@ StageRecord CaseCapture::capture(const PlannedCapture& planned, std::string& rem
   const double length = (bag.end() - bag.begin()).toSec();
   const double max_age = parameters_.tracker.max_surface_age;
   std::size_t tried = 0;
+  ros::Time arrival;
   std::string why;
   const auto attempt = [&](const PairPlace& place, StageRecord& record) {
     ++tried;
     try {
       record = recordOf(place);
-      record.info.key = planned.key;
-      record.info.note = planned.note;
-      remarks =
-          completeStage(record, [&](const std::string& target, const std::string& source, const ros::Time& stamp) {
-            return recording_.poseAt(target, source, stamp, place.arrival, parameters_.tracker.max_pose_gap);
-          });
+      arrival = place.arrival;
       return true;
     } catch (const std::exception& error) {
       const cortshift_stereo::DropReason drop = cortshift_stereo::dropReason(error);
@@ -101,14 +97,29 @@ StageRecord CaseCapture::capture(const PlannedCapture& planned, std::string& rem
   const auto recent = [&](const PairPlace& place) { return asked.toSec() - place.stamp.toSec() <= max_age; };
 
   StageRecord record;
+  const auto complete = [&] {
+    try {
+      const auto pose_at = recording_.posesAround(arrival, parameters_.tracker.max_pose_gap);
+      if (const auto changed = recording_.registrationChanged(std::max(asked, arrival)))
+        requireSettled(record.info.stamp, *changed);
+      if (const auto motion = motionAround(record.info.stamp, pose_at))
+        requireSlow(*motion, parameters_.tracker.max_speed);
+      record.info.key = planned.key;
+      record.info.note = planned.note;
+      remarks = completeStage(record, pose_at);
+      return record;
+    } catch (const std::exception& error) {
+      throw TrackingError("stage '" + planned.key + "' was not captured: " + error.what());
+    }
+  };
   std::vector<PairPlace> before = recording_.pairs(shifted(asked, -max_age - kSlice), asked);
   for (auto place = before.rbegin(); place != before.rend(); ++place)
-    if (recent(*place) && attempt(*place, record)) return record;
+    if (recent(*place) && attempt(*place, record)) return complete();
   const double timeout = parameters_.tracker.capture_timeout;
   for (double from = 0; from < timeout; from += kSlice)
     for (const PairPlace& place :
          recording_.pairs(shifted(asked, from), shifted(asked, std::min(from + kSlice, timeout))))
-      if (recent(place) && attempt(place, record)) return record;
+      if (recent(place) && attempt(place, record)) return complete();
   throw TrackingError("stage '" + planned.key + "' was not captured: no pair from " + seconds(max_age) + " before to " +
                       seconds(timeout) + " after " + seconds(planned.seconds) + " of the bag's " + seconds(length) +
                       " gives a surface, " + std::to_string(tried) + " tried" + why);

@@ -91,8 +91,8 @@ void checkCalibration(const CaseRecording& recording, const PairPlace& place,
     const double overlap_depth = left.P(0, 0) * model.baseline() / std::max(1.0, -left.P(0, 2) + model.right.P(0, 2));
     if (left.P(0, 2) < model.right.P(0, 2))
       out.calibration.push_back(format("the cameras' axes cross at %.0f mm", 1e3 * overlap_depth));
-    const Eigen::Isometry3d T_left_right =
-        recording.poseAt(parameters.camera_frame, "right_optical", place.stamp, place.arrival, parameters.max_pose_gap);
+    const Eigen::Isometry3d T_left_right = recording.posesAround(place.arrival, parameters.max_pose_gap)(
+        parameters.camera_frame, "right_optical", place.stamp);
     // Rectification turns both cameras into one orientation; the right one then lies along x.
     const auto rotation = [](const cv::Matx33d& R) {
       Eigen::Matrix3d out_matrix;
@@ -127,8 +127,8 @@ CaseCheck checkCase(const CaseRecording& recording, const cortshift_stereo::Surf
   const auto troubleOf = [&](const PairPlace& place) -> std::string {
     try {
       reconstruction.check(recording.known(place));
-      recording.poseAt(parameters.map_frame, parameters.camera_frame, place.stamp, place.arrival,
-                       parameters.max_pose_gap);
+      recording.posesAround(place.arrival, parameters.max_pose_gap)(parameters.map_frame, parameters.camera_frame,
+                                                                    place.stamp);
       return "";
     } catch (const std::exception& error) {
       const auto drop = cortshift_stereo::dropReason(error);

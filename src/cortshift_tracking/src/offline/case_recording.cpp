@@ -9,6 +9,8 @@
 #include <set>
 
 #include "cortshift_stereo/pair_synchroniser.hpp"
+#include "cortshift_stereo/ros/settings_history.hpp"
+#include "cortshift_tracking/ros/registration.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -161,7 +163,12 @@ PairMessages CaseRecording::read(const PairPlace& pair) const {
 }
 
 PairMessages CaseRecording::known(const PairPlace& pair) const {
-  return {pair.stamp, {}, {}, infoOf(kLeft + kInfo, pair), infoOf(kRight + kInfo, pair), settingsAt(pair.arrival)};
+  return {pair.stamp,
+          {},
+          {},
+          infoOf(kLeft + kInfo, pair),
+          infoOf(kRight + kInfo, pair),
+          settingsOf(pair.stamp, pair.arrival)};
 }
 
 sensor_msgs::CameraInfoConstPtr CaseRecording::infoOf(const std::string& topic, const PairPlace& pair) const {
@@ -174,9 +181,14 @@ sensor_msgs::CameraInfoConstPtr CaseRecording::infoOf(const std::string& topic, 
   return after.empty() ? nullptr : bag_.read<sensor_msgs::CameraInfo>(after.front());
 }
 
-cortshift_msgs::MicroscopeSettingsConstPtr CaseRecording::settingsAt(const ros::Time& time) const {
-  const auto before = bag_.lastBefore(kSettings, time);
-  return before.empty() ? nullptr : bag_.read<cortshift_msgs::MicroscopeSettings>(before.front());
+cortshift_msgs::MicroscopeSettingsConstPtr CaseRecording::settingsOf(const ros::Time& stamp,
+                                                                     const ros::Time& arrival) const {
+  constexpr std::size_t kChanges = 16;  // reported late or out of order
+  std::vector<BagEntry> entries = bag_.lastBefore(kSettings, arrival, kChanges);
+  std::sort(entries.begin(), entries.end());
+  cortshift_stereo::SettingsHistory history;
+  for (const BagEntry& entry : entries) history.add(bag_.read<cortshift_msgs::MicroscopeSettings>(entry));
+  return history.at(stamp);
 }
 
 ros::Time CaseRecording::calibratedSince(const std::string& topic, const sensor_msgs::CameraInfo& info,
@@ -199,6 +211,7 @@ std::optional<cortshift_stereo::MicroscopeSetting> CaseRecording::referenceSetti
   const ros::Time arrival = bag_.end();
   const auto first = firstPair();
   ros::Time seen = first ? first->arrival : bag_.begin();
+  ros::Time seen_stamp = first ? first->stamp : seen;
   const auto same = [&](const PairPlace& place) {
     const auto left = infoOf(kLeft + kInfo, place), right = infoOf(kRight + kInfo, place);
     return left && right && cortshift_stereo::sameCalibration(*left, *pair.left_info) &&
@@ -208,8 +221,9 @@ std::optional<cortshift_stereo::MicroscopeSetting> CaseRecording::referenceSetti
     const ros::Time time = shifted(pair.stamp, kInfoReach) < arrival ? shifted(pair.stamp, kInfoReach) : arrival;
     seen = std::max(calibratedSince(kLeft + kInfo, *pair.left_info, time),
                     calibratedSince(kRight + kInfo, *pair.right_info, time));
+    seen_stamp = seen;
   }
-  cortshift_msgs::MicroscopeSettingsConstPtr settings = settingsAt(seen);
+  cortshift_msgs::MicroscopeSettingsConstPtr settings = settingsOf(seen_stamp, seen);
   if (!settings) {  // the first that came
     for (ros::Time from = seen; !settings && from < arrival; from = shifted(from, 60)) {
       const auto entries = bag_.entries({kSettings}, from, shifted(from, 60));
@@ -233,17 +247,36 @@ cortshift_stereo::TransformTree CaseRecording::transforms(const ros::Time& from,
   return tree;
 }
 
-Eigen::Isometry3d CaseRecording::poseAt(const std::string& target, const std::string& source, const ros::Time& stamp,
-                                        const ros::Time& arrival, double max_pose_gap) const {
+cortshift_stereo::PoseAt CaseRecording::posesAround(const ros::Time& arrival, double max_pose_gap) const {
   const double reach = max_pose_gap + parameters_.pose_timeout;
-  try {
-    return poseFrom(transforms(shifted(arrival, -reach), shifted(arrival, reach), max_pose_gap), target, source, stamp);
-  } catch (const PoseError&) {
-    if (reach >= kWidePoses) throw;
+  const auto near = std::make_shared<const cortshift_stereo::TransformTree>(
+      transforms(shifted(arrival, -reach), shifted(arrival, reach), max_pose_gap));
+  const auto wide = std::make_shared<std::optional<cortshift_stereo::TransformTree>>();
+  return [=](const std::string& target, const std::string& source, const ros::Time& stamp) {
+    try {
+      return poseFrom(*near, target, source, stamp);
+    } catch (const PoseError&) {
+      if (reach >= kWidePoses) throw;
+    }
+    // Once more with more around it, to name the sample that is missing.
+    if (!*wide) *wide = transforms(shifted(arrival, -kWidePoses), shifted(arrival, kWidePoses), max_pose_gap);
+    return poseFrom(**wide, target, source, stamp);
+  };
+}
+
+std::optional<ros::Time> CaseRecording::registrationChanged(const ros::Time& time) const {
+  std::optional<ros::Time> changed;
+  std::optional<geometry_msgs::Pose> newest;
+  for (const Static& recorded : statics_) {
+    if (recorded.time > time) break;
+    tf2_msgs::TFMessage message;
+    message.transforms = {recorded.edge};
+    const geometry_msgs::Pose heard = registrationOf(message);
+    if (sameRegistration(heard, registrationOf({}))) continue;  // another edge
+    if (newest && !sameRegistration(*newest, heard)) changed = recorded.time;
+    newest = heard;
   }
-  // Once more with more around it, to name the sample that is missing.
-  return poseFrom(transforms(shifted(arrival, -kWidePoses), shifted(arrival, kWidePoses), max_pose_gap), target, source,
-                  stamp);
+  return changed;
 }
 
 }  // namespace cortshift_tracking

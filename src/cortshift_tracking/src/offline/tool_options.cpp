@@ -15,6 +15,8 @@ OfflineParameters parametersFrom(const Options& options) {
     throw UsageError("--threads must be a whole number from 0 to 64");
   const auto config = options.find("config");
   OfflineParameters parameters = OfflineParameters::load(config ? *config : shippedConfiguration().string());
+  if (const auto folder = options.find("settings-calibration"))
+    parameters.reconstruction.settings_calibration = *folder;
   if (threads >= 0) parameters.setThreads(static_cast<int>(threads));
   return parameters;
 }

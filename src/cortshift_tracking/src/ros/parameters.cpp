@@ -14,6 +14,7 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   reader.number("capture_timeout", p.capture_timeout, 0.1, 600.0);
   reader.number("max_surface_age", p.max_surface_age, 0.0, 3600.0);
   reader.number("max_pose_gap", p.max_pose_gap, 0.001, 10.0);
+  reader.number("max_speed", p.max_speed, 0.0001, 1.0);
   std::vector<double> gravity;
   reader.numbers("gravity", gravity, 3);
   reader.number("arrow_spacing", p.arrow_spacing, 0.0005, 0.05);

@@ -1,9 +1,11 @@
 #include "cortshift_tracking/ros/shift_tracker.hpp"
 
+#include <cortshift_msgs/AveragePairs.h>
 #include <cortshift_msgs/TriggerCapture.h>
 #include <cv_bridge/cv_bridge.h>
 #include <sensor_msgs/Image.h>
 
+#include <boost/make_shared.hpp>
 #include <chrono>
 #include <cstdlib>
 #include <functional>
@@ -14,6 +16,7 @@
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/pictures.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
+#include "cortshift_tracking/ros/health.hpp"
 #include "cortshift_tracking/ros/markers.hpp"
 #include "cortshift_tracking/ros/stage_record.hpp"
 
@@ -21,6 +24,7 @@ namespace cortshift_tracking {
 namespace {
 
 const char* const kTrigger = "/stereo_driver/trigger";
+const char* const kAverage = "/surface_reconstruction/average_pairs";
 const char* const kReconstructionStatus = "surface_reconstruction: surface";
 const ros::WallDuration kPoseWait(0.5);  // for tracker samples that are still under way
 
@@ -43,29 +47,34 @@ std::string caseFolder(const ShiftTrackerParameters& parameters) {
   return (ros_home != nullptr ? std::string(ros_home) : std::string(home) + "/.ros") + "/cortshift/case-" + run;
 }
 
-/// Fires the driver. A driver that hangs is left behind when the deadline passes.
-/// @return stamp of the pair
-ros::Time fireTrigger(ros::ServiceClient trigger, SurfaceInbox::Deadline deadline) {
+SurfaceInbox::Deadline deadlineAfter(double seconds) {
+  return std::chrono::steady_clock::now() +
+         std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(seconds));
+}
+
+/// Fires the driver. A driver that hangs, or one behind a cable that is out, is left behind when the deadline passes.
+/// @return stamp of the pair; nothing where there is no driver
+std::optional<ros::Time> fireTrigger(ros::ServiceClient trigger, SurfaceInbox::Deadline deadline) {
   struct Call {
     cortshift_msgs::TriggerCapture service;
+    bool exists = false;
     std::promise<bool> answered;
   };
   const auto call = std::make_shared<Call>();
   std::future<bool> answered = call->answered.get_future();
-  std::thread([call, trigger]() mutable { call->answered.set_value(trigger.call(call->service)); }).detach();
+  std::thread([call, trigger]() mutable {
+    call->exists = trigger.exists();
+    call->answered.set_value(call->exists && trigger.call(call->service));
+  }).detach();
   if (answered.wait_until(deadline) != std::future_status::ready)
-    throw TrackingError(std::string("the driver did not answer ") + kTrigger + "; check the cameras");
-  if (!answered.get()) throw TrackingError(std::string("the call of ") + kTrigger + " failed; check the driver");
+    throw TrackingError(std::string("the driver did not answer ") + kTrigger +
+                        "; check the cameras, and the network where the driver runs on another machine");
+  const bool done = answered.get();
+  if (!call->exists) return std::nullopt;
+  if (!done) throw TrackingError(std::string("the call of ") + kTrigger + " failed; check the driver");
   if (!call->service.response.success)
     throw TrackingError("the driver took no pair: " + call->service.response.message);
   return call->service.response.stamp;
-}
-
-diagnostic_msgs::KeyValue entry(const std::string& key, const std::string& value) {
-  diagnostic_msgs::KeyValue pair;
-  pair.key = key;
-  pair.value = value;
-  return pair;
 }
 
 }  // namespace
@@ -81,6 +90,7 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
     : parameters_(parameters),
       store_(caseFolder(parameters)),
       poses_(parameters.max_pose_gap),
+      pose_watch_(poses_, parameters.max_speed),
       gravity_pmr_(parameters.gravity_pmr),
       status_(std::make_unique<Status>()),
       service_node_(private_node) {
@@ -91,6 +101,8 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
   service_node_.setCallbackQueue(&service_queue_);
   pairs_ = std::make_unique<PairHistory>(data_node_);
   surfaces_ = data_node_.subscribe("/surface/points", 2, &ShiftTracker::onSurface, this);
+  fixed_ = data_node_.subscribe<tf2_msgs::TFMessage>(
+      "/tf_static", 100, [this](const tf2_msgs::TFMessageConstPtr& message) { registration_.add(*message); });
   diagnostics_in_ = data_node_.subscribe("/diagnostics", 20, &ShiftTracker::onDiagnostics, this);
 
   field_ = data_node_.advertise<cortshift_msgs::DisplacementField>("/shift/field", 1, true);
@@ -106,15 +118,19 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
     own_points_ = data_node_.advertise<sensor_msgs::PointCloud2>("/shift/own_points", 1, true);
   diagnostics_ = data_node_.advertise<diagnostic_msgs::DiagnosticArray>("/diagnostics", 10);
   trigger_ = service_node_.serviceClient<cortshift_msgs::TriggerCapture>(kTrigger);
+  average_ = service_node_.serviceClient<cortshift_msgs::AveragePairs>(kAverage);
   timer_ = data_node_.createWallTimer(ros::WallDuration(1.0), &ShiftTracker::onTimer, this);
 
   // Services last: a request finds everything in place. Data flow on threads of their own while a request waits.
   data_spinner_ = std::make_unique<ros::AsyncSpinner>(2, &data_queue_);
   data_spinner_->start();
   capture_ = service_node_.advertiseService("capture_stage", &ShiftTracker::onCapture, this);
+  capture_mean_ = service_node_.advertiseService("capture_mean_stage", &ShiftTracker::onCaptureMean, this);
   list_ = service_node_.advertiseService("list_stages", &ShiftTracker::onList, this);
   delete_ = service_node_.advertiseService("delete_stage", &ShiftTracker::onDelete, this);
   compute_ = service_node_.advertiseService("compute_shift", &ShiftTracker::onCompute, this);
+  compute_across_epochs_ =
+      service_node_.advertiseService("compute_shift_across_epochs", &ShiftTracker::onComputeAcrossEpochs, this);
   set_gravity_ = service_node_.advertiseService("set_gravity", &ShiftTracker::onGravity, this);
   exclude_ = service_node_.advertiseService("exclude_regions", &ShiftTracker::onExclude, this);
   track_ = service_node_.advertiseService("track", &ShiftTracker::onTrack, this);
@@ -130,57 +146,109 @@ ShiftTracker::~ShiftTracker() {
 
 bool ShiftTracker::onCapture(cortshift_msgs::CaptureStage::Request& request,
                              cortshift_msgs::CaptureStage::Response& response) {
+  capture(request.key, request.note, 1, response);
+  return true;
+}
+
+bool ShiftTracker::onCaptureMean(cortshift_msgs::CaptureMeanStage::Request& request,
+                                 cortshift_msgs::CaptureMeanStage::Response& response) {
+  capture(request.key, request.note, request.pairs, response);
+  return true;
+}
+
+template <typename Response>
+void ShiftTracker::capture(const std::string& key, const std::string& note, unsigned int pairs, Response& response) {
   try {
-    store_.requireFree(request.key);  // before anything is fired
+    store_.requireFree(key);  // before anything is fired
     const std::lock_guard<std::mutex> guard(capture_mutex_);
-    const sensor_msgs::PointCloud2ConstPtr surface = awaitSurface(request.key);
+    std::string remarks;
     StageRecord record;
-    record.info.key = request.key;
-    record.info.note = request.note;
-    record.info.stamp = surface->header.stamp;
-    record.surface = surface;
+    record.surface = pairs == 1 ? awaitSurface(key) : awaitMean(key, pairs, remarks);
+    record.info.key = key;
+    record.info.note = note;
+    record.info.stamp = record.surface->header.stamp;
+    requireTrustworthyPose(key, record.info.stamp);
     pairs_->fill(record);
-    const std::string remarks =
+    remarks +=
         completeStage(record, [this](const std::string& target, const std::string& source, const ros::Time& stamp) {
           return poses_.lookup(target, source, stamp, kPoseWait);
         });
-    store_.add(record);
+    response.stage = store_.add(record);
     response.success = true;
-    response.stage = record.info;
-    response.message = "stage '" + request.key + "' is stored (" + std::to_string(record.info.valid_points) +
-                       " points, " + std::to_string(static_cast<int>(100 * record.info.coverage)) + " % of the image)" +
-                       remarks;
+    response.message = "stage '" + key + "' is stored (" + std::to_string(record.info.valid_points) + " points, " +
+                       std::to_string(static_cast<int>(100 * record.info.coverage)) + " % of the image)" + remarks;
     ROS_INFO_STREAM(response.message);
   } catch (const std::exception& error) {  // whatever a request does, the node goes on
     response.success = false;
     response.message = error.what();
-    ROS_WARN_STREAM("capture_stage refused: " << error.what());
+    ROS_WARN_STREAM("capture refused: " << error.what());
     const std::lock_guard<std::mutex> guard(status_mutex_);
     status_->last_refusal = error.what();
   }
-  return true;
+}
+
+sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitMean(const std::string& key, unsigned int pairs,
+                                                         std::string& remarks) {
+  const std::string refusal = "stage '" + key + "' was not captured: ";
+  if (!average_.exists())
+    throw TrackingError(refusal + "nobody offers " + kAverage + "; check that surface_reconstruction runs");
+  // The reconstruction gathers while pairs are fired here, or come from a bag or a camera that runs free.
+  const auto call = std::make_shared<cortshift_msgs::AveragePairs>();
+  call->request.pairs = pairs;
+  call->request.since = ros::Time::now();
+  call->request.patience = ros::Duration(parameters_.capture_timeout);
+  ros::ServiceClient average = average_;
+  std::future<bool> answered =
+      std::async(std::launch::async, [call, average]() mutable { return average.call(*call); });
+  const auto isAnswered = [&] { return answered.wait_for(std::chrono::milliseconds(20)) == std::future_status::ready; };
+  while (!isAnswered()) {
+    std::optional<ros::Time> stamp;
+    try {
+      stamp = fireTrigger(trigger_, deadlineAfter(parameters_.capture_timeout));
+    } catch (const TrackingError& error) {
+      throw TrackingError(refusal + error.what());
+    }
+    if (!stamp) break;
+    // One at a time, so that none overtakes another. A pair that gives no surface is replaced while patience lasts.
+    const SurfaceInbox::Deadline enough = deadlineAfter(parameters_.capture_timeout / 4);
+    while (!isAnswered() && std::chrono::steady_clock::now() < enough &&
+           !inbox_.waitSince(*stamp, deadlineAfter(0.05))) {
+    }
+  }
+  if (!answered.get()) throw TrackingError(refusal + "the call of " + kAverage + " failed");
+  if (!call->response.success) throw TrackingError(refusal + call->response.message);
+  remarks = "; " + call->response.message;
+  return boost::make_shared<sensor_msgs::PointCloud2>(std::move(call->response.surface));
 }
 
 sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitSurface(const std::string& key) {
-  const auto deadline =
-      std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-                                             std::chrono::duration<double>(parameters_.capture_timeout));
-  if (trigger_.exists()) {
-    ros::Time stamp;
-    try {
-      stamp = fireTrigger(trigger_, deadline);
-    } catch (const TrackingError& error) {
-      throw TrackingError("stage '" + key + "' was not captured: " + error.what());
-    }
-    if (auto surface = inbox_.waitSince(stamp, deadline)) return surface;
+  const SurfaceInbox::Deadline deadline = deadlineAfter(parameters_.capture_timeout);
+  std::optional<ros::Time> stamp;
+  try {
+    pose_watch_.requireSeen();
+    stamp = fireTrigger(trigger_, deadline);
+  } catch (const TrackingError& error) {
+    throw TrackingError("stage '" + key + "' was not captured: " + error.what());
+  }
+  if (stamp) {
+    if (auto surface = inbox_.waitSince(*stamp, deadline)) return surface;
     throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
-                        " no surface of the pair at " + std::to_string(stamp.toSec()) + " arrived on /surface/points" +
+                        " no surface of the pair at " + std::to_string(stamp->toSec()) + " arrived on /surface/points" +
                         whyNoSurface());
   }
   if (auto surface = inbox_.waitForRecent(ros::Duration(parameters_.max_surface_age), deadline)) return surface;
   throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
                       " no surface arrived on /surface/points that is at most " + seconds(parameters_.max_surface_age) +
                       " older than the request" + whyNoSurface());
+}
+
+void ShiftTracker::requireTrustworthyPose(const std::string& key, const ros::Time& stamp) const {
+  try {
+    registration_.requireSettled(stamp);
+    pose_watch_.requireStill(stamp);
+  } catch (const TrackingError& error) {
+    throw TrackingError("stage '" + key + "' was not captured: " + error.what());
+  }
 }
 
 std::string ShiftTracker::whyNoSurface() const {
@@ -222,12 +290,22 @@ bool ShiftTracker::onDelete(cortshift_msgs::DeleteStage::Request& request,
 
 bool ShiftTracker::onCompute(cortshift_msgs::ComputeShift::Request& request,
                              cortshift_msgs::ComputeShift::Response& response) {
+  return compute(request, response, false);
+}
+
+bool ShiftTracker::onComputeAcrossEpochs(cortshift_msgs::ComputeShift::Request& request,
+                                         cortshift_msgs::ComputeShift::Response& response) {
+  return compute(request, response, true);
+}
+
+bool ShiftTracker::compute(const cortshift_msgs::ComputeShift::Request& request,
+                           cortshift_msgs::ComputeShift::Response& response, bool across_epochs) {
   try {
     const std::lock_guard<std::mutex> guard(compute_mutex_);
     const auto excluded = regions_.find(request.from_key);
     const StageShift shift =
         computeStageShift(store_, request.from_key, request.to_key, first_normal_, gravity_pmr_, parameters_.shift,
-                          excluded == regions_.end() ? std::vector<Region>() : excluded->second);
+                          excluded == regions_.end() ? std::vector<Region>() : excluded->second, across_epochs);
     publish(shift.result, shift.from, shift.to, false);
     response.success = true;
     response.summary = toMessage(shift.result.summary, request.from_key, request.to_key);
@@ -330,6 +408,8 @@ void ShiftTracker::trackLoop(const std::string& key) {
       if (!surface) continue;
       cortshift_msgs::StageInfo to;  // a surface that is no stage has no key
       to.stamp = surface->header.stamp;
+      if (!sameRegistration(from.registration, registration_.newest()))
+        throw TrackingError("the patient registration has changed since this stage; track from one of the new epoch");
       const std::lock_guard<std::mutex> guard(compute_mutex_);
       const ShiftResult result = computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface),
                                               directions(), settings, prediction);
@@ -405,6 +485,8 @@ void ShiftTracker::onTimer(const ros::WallTimerEvent&) {
   diagnostic_msgs::DiagnosticArray message;
   message.header.stamp = ros::Time::now();
   message.status.resize(2);
+  message.status.push_back(poseStatus(pose_watch_, parameters_.max_pose_gap, parameters_.max_speed));
+  message.status.push_back(caseStatus(store_));
   diagnostic_msgs::DiagnosticStatus &stages = message.status[0], &surfaces = message.status[1];
   stages.name = "shift_tracker: stages";
   const std::vector<std::string>& aside = store_.setAside();

@@ -2,6 +2,7 @@
 
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/projection_frame.hpp"
+#include "cortshift_tracking/ros/registration.hpp"
 #include "cortshift_tracking/summary.hpp"
 
 namespace cortshift_tracking {
@@ -62,6 +63,7 @@ std::string completeStage(StageRecord& record, const PoseAt& pose_at) {
     record.info.settings.magnification = record.info.settings.focal_length = kUnknown;
   }
   addTransforms(record, pose_at, remarks);
+  record.info.registration = registrationOf(record.tf_static);
   return remarks;
 }
 

@@ -21,13 +21,19 @@ Eigen::Vector3d FirstNormal::of(const StageStore& store) {
 
 StageShift computeStageShift(const StageStore& store, const std::string& from_key, const std::string& to_key,
                              FirstNormal& first_normal, const std::optional<Eigen::Vector3d>& gravity_pmr,
-                             const ShiftSettings& settings, const std::vector<Region>& excluded) {
+                             const ShiftSettings& settings, const std::vector<Region>& excluded, bool across_epochs) {
   const std::size_t from = store.indexOf(from_key), to = store.indexOf(to_key);
   if (from == to) throw TrackingError("from and to are both stage '" + from_key + "'; give two different stages");
   if (from > to)
     throw TrackingError("stage '" + from_key + "' was captured after '" + to_key +
                         "'; the shift goes from an earlier to a later stage: swap the two");
   const StageRecord earlier = store.load(from_key), later = store.load(to_key);
+  if (!across_epochs && earlier.info.epoch != later.info.epoch)
+    throw TrackingError("the patient registration changed between '" + from_key + "' (epoch " +
+                        std::to_string(earlier.info.epoch) + ") and '" + to_key + "' (epoch " +
+                        std::to_string(later.info.epoch) +
+                        "), so that their difference is no movement of the brain; choose stages of one epoch, or ask "
+                        "for compute_shift_across_epochs");
   return {earlier.info, later.info,
           computeShift(surfaceFromPointCloud2(*earlier.surface), surfaceFromPointCloud2(*later.surface),
                        {first_normal.of(store), gravity_pmr}, settings, excluded)};

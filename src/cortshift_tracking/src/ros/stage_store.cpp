@@ -13,6 +13,7 @@
 
 #include "cortshift_tracking/durable_file.hpp"
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/ros/registration.hpp"
 #include "cortshift_tracking/stage_key.hpp"
 
 namespace cortshift_tracking {
@@ -167,8 +168,9 @@ void StageStore::requireFree(const std::string& key) const {
                           "); nothing is overwritten: choose another key or delete that stage");
 }
 
-void StageStore::add(const StageRecord& record) {
+cortshift_msgs::StageInfo StageStore::add(StageRecord record) {
   requireFree(record.info.key);
+  record.info.epoch = epochOf(record.info.registration, list());
   const std::string bytes = toBag(record);
   const std::lock_guard<std::mutex> guard(mutex_);
   for (const Entry& entry : entries_)
@@ -178,6 +180,7 @@ void StageStore::add(const StageRecord& record) {
   writeDurably(path, bytes.data(), bytes.size());
   ++last_number_;
   entries_.push_back({path, record.info});
+  return record.info;
 }
 
 StageRecord StageStore::load(const std::string& key) const {

@@ -66,6 +66,9 @@ class SettingsWarp {
   /// @throws SettingNotCalibrated naming the setting and the calibrated range if the setting is not covered.
   void requireCovered(const MicroscopeSetting& setting) const;
 
+  /// "magnification 0.7 to 1.4, focal length 250 to 350 mm"
+  std::string calibratedRange() const;
+
   /// Where a pixel of the reference image is seen at a setting [px]. @throws SettingNotCalibrated
   cv::Point2d toSetting(const cv::Point2d& at_reference, const MicroscopeSetting& setting) const;
 

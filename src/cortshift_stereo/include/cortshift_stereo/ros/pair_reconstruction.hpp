@@ -9,13 +9,12 @@
 #include <Eigen/Geometry>
 #include <exception>
 #include <memory>
-#include <optional>
 #include <string>
-#include <vector>
 
-#include "cortshift_stereo/frame_average.hpp"
+#include "cortshift_stereo/rectifier_selector.hpp"
 #include "cortshift_stereo/ros/pose_tree.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
+#include "cortshift_stereo/view_frames.hpp"
 
 namespace cortshift_stereo {
 
@@ -29,14 +28,15 @@ struct PairMessages {
   ros::Time stamp;
   ImageMessage left, right;
   sensor_msgs::CameraInfoConstPtr left_info, right_info;  ///< null: none has come
-  cortshift_msgs::MicroscopeSettingsConstPtr settings;    ///< null: none has come, which means the reference setting
+  cortshift_msgs::MicroscopeSettingsConstPtr settings;  ///< in force at the stamp; null: none has come, which means the
+                                                        ///< reference setting
 };
 
 struct PairSurface {
   Surface surface_map;  ///< in the map frame (pmr)
   ReconstructionResult result;
-  std::shared_ptr<const Rectifier> rectifier;
   std::size_t averaged = 1;  ///< pairs that the surface is the mean of
+  PosedFrame frame;          ///< of this pair alone
 };
 
 /// Whether the two say the same of the camera, whatever their headers.
@@ -49,37 +49,31 @@ struct DropReason {
 };
 DropReason dropReason(const std::exception& error);
 
-/// Pairs in the order of their stamps, each to a surface. Keeps the rectification of an unchanged calibration, the
-/// setting that it belongs to, and what is averaged. Not synchronised.
+/// Pairs in the order of their stamps, each to a surface. Keeps the rectification of an unchanged calibration and
+/// setting, and what is averaged. Not synchronised.
 class PairReconstruction {
  public:
-  explicit PairReconstruction(const SurfaceReconstructionParameters& parameters) : parameters_(parameters) {}
+  /// @throws CalibrationError if settings_calibration cannot be used
+  explicit PairReconstruction(const SurfaceReconstructionParameters& parameters);
 
   /// @param pose_at  asked once, after the reconstruction: the tracker's next sample may still be under way
   /// @throws PairError, MessageError, CalibrationError, PoseError; see dropReason
   PairSurface operator()(const PairMessages& pair, const PoseAt& pose_at);
 
   /// Calibration and settings alone; the images may be missing. @throws PairError, CalibrationError
-  void check(const PairMessages& pair);
+  void check(const PairMessages& pair) { rectifierFor(pair); }
+
+  /// Which settings of the microscope can be used, for people.
+  std::string calibratedSettings() const { return rectifiers_.calibratedSettings(); }
 
  private:
-  struct PastFrame {
-    ros::Time stamp;
-    Eigen::Isometry3d T_map_left;
-    std::shared_ptr<const Rectifier> rectifier;
-    Frame frame;
-  };
-
-  void prepareRectifier(const PairMessages& pair);
-  void checkSettings(const PairMessages& pair);
-  /// Mean of this pair and the ones before it that show the same view; returns their number.
-  std::size_t average(const ros::Time& stamp, const Eigen::Isometry3d& T_map_left, ReconstructionResult& result);
+  void calibrate(const PairMessages& pair);
+  std::shared_ptr<const Rectifier> rectifierFor(const PairMessages& pair);
 
   SurfaceReconstructionParameters parameters_;
-  std::vector<PastFrame> past_;
-  sensor_msgs::CameraInfoConstPtr left_info_, right_info_;  // of rectifier_
-  std::shared_ptr<const Rectifier> rectifier_;
-  std::optional<MicroscopeSetting> calibrated_setting_;  // of that calibration
+  sensor_msgs::CameraInfoConstPtr left_info_, right_info_;  // that rectifiers_ is calibrated with
+  RectifierSelector rectifiers_;
+  ViewFrames recent_;
 };
 
 }  // namespace cortshift_stereo

@@ -1,8 +1,10 @@
 // Stereo pairs from topics to surfaces in pMR space.
 #pragma once
 
+#include <cortshift_msgs/AveragePairs.h>
 #include <cortshift_msgs/MicroscopeSettings.h>
 #include <diagnostic_updater/diagnostic_updater.h>
+#include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
@@ -16,9 +18,11 @@
 #include <string>
 #include <thread>
 
+#include "cortshift_stereo/frame_collector.hpp"
 #include "cortshift_stereo/pair_synchroniser.hpp"
 #include "cortshift_stereo/ros/pair_reconstruction.hpp"
 #include "cortshift_stereo/ros/pose_lookup.hpp"
+#include "cortshift_stereo/ros/settings_history.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
 
 namespace cortshift_stereo {
@@ -28,11 +32,13 @@ namespace cortshift_stereo {
 ///   microscope/settings, /tf, /tf_static.
 /// Publishes: surface/points (PointCloud2, organised like the rectified left image, frame `map_frame`, stamp of the
 ///   pair), surface/disparity (DisparityImage), /diagnostics with the status "surface".
+/// Services: ~average_pairs (the mean of several coming pairs of one view).
 ///
 /// The newest complete pair is worked on by a thread of its own; pairs that a newer one overtakes are counted. A pair
 /// that gives no surface is dropped with its reason in log and diagnostics, and the node goes on.
 class SurfaceReconstruction {
  public:
+  /// @throws CalibrationError if settings_calibration cannot be used
   SurfaceReconstruction(ros::NodeHandle node, const SurfaceReconstructionParameters& parameters);
   ~SurfaceReconstruction();
 
@@ -57,6 +63,7 @@ class SurfaceReconstruction {
   void process(const Synchroniser::Pair& pair, const ros::Time& stamp);
   /// Pair and what is known of cameras and microscope by now.
   PairMessages gather(const Synchroniser::Pair& pair, const ros::Time& stamp);
+  bool averagePairs(cortshift_msgs::AveragePairs::Request& request, cortshift_msgs::AveragePairs::Response& response);
 
   void drop(const DropReason& why, const ros::Time& stamp);
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
@@ -71,10 +78,11 @@ class SurfaceReconstruction {
   Synchroniser synchroniser_;
   std::optional<Synchroniser::Pair> newest_;
   sensor_msgs::CameraInfoConstPtr infos_[2];
-  cortshift_msgs::MicroscopeSettingsConstPtr settings_;
+  SettingsHistory settings_;
   bool stop_ = false;
 
   PairReconstruction reconstruction_;  // worker thread only
+  FrameCollector collector_;
 
   std::mutex status_mutex_;
   uint64_t pairs_received_ = 0;
@@ -87,7 +95,11 @@ class SurfaceReconstruction {
   ros::Time last_surface_stamp_;
   double last_seconds_ = 0;
   std::size_t last_averaged_ = 0;
+  std::string calibrated_settings_;
 
+  ros::CallbackQueue service_queue_;
+  ros::ServiceServer average_service_;
+  std::unique_ptr<ros::AsyncSpinner> service_spinner_;
   ros::Publisher points_publisher_;
   ros::Publisher disparity_publisher_;
   std::vector<ros::Subscriber> subscribers_;

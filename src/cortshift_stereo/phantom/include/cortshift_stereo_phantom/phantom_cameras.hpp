@@ -41,6 +41,11 @@ struct StereoHead {
 /// left and right differ and a point at the working distance has a disparity near 0.
 StereoHead makeStereoHead(const CameraSettings& settings);
 
+/// The head at other settings of its zoom lens: K, D and the cameras' places change. R and P stay those of the
+/// reference setting, at which the stereo calibration was made. Without a zoom lens nothing changes.
+StereoHead atSetting(const StereoHead& reference, const CameraSettings& settings, double magnification,
+                     double focal_length);
+
 /// Pose of the stereo head over the brain.
 Eigen::Isometry3d placeHead(const PlacementSettings& placement);  // T_brain_head
 

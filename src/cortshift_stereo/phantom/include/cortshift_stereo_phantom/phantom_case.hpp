@@ -39,6 +39,21 @@ struct HeadSettings {
   double bevel_width = 0.004;   ///< over which the bone rises [m]
 };
 
+/// A lens whose intrinsics and distortion change with the microscope's settings. m and f are magnification and focal
+/// length over those of the reference setting, at which the cameras are as CameraSettings says. The pixels' focal
+/// length goes with m f^-focal_power (1 + breathing (m - 1)^2); what drifts does so by its rates times m - 1 and f - 1,
+/// the principal points of left and right the opposite way.
+struct ZoomSettings {
+  double magnification = 1.0;   ///< of the reference setting
+  double focal_length = 0.300;  ///< of the reference setting [m]
+  double focal_power = 0.8;
+  double breathing = 0.03;
+  Eigen::Vector2d drift_zoom{12, 7};      ///< of the principal point [px]
+  Eigen::Vector2d drift_focus{20, -9};    ///< of the principal point [px]
+  Eigen::Vector2d distortion{0.5, -0.3};  ///< of k1 by zoom and focus
+  double pupil_travel = 0;                ///< of the entrance pupils along their axes by zoom [m]
+};
+
 /// Two cameras of the microscope, verging on its axis at the working distance.
 struct CameraSettings {
   cv::Size size{1024, 768};                                  ///< [px]
@@ -51,6 +66,7 @@ struct CameraSettings {
   Eigen::Vector2d right_principal_offset{-5, 3};  ///< [px]
   double right_focal_ratio = 1.004;               ///< raw focal length of the right camera over that of the left
   Eigen::Vector3d right_misalignment{0.003, -0.002, 0.004};  ///< rotation vector of the right camera's mount [rad]
+  std::optional<ZoomSettings> zoom;  ///< nothing: the stages' settings are reported, but nothing changes in the images
 };
 
 struct LightSettings {

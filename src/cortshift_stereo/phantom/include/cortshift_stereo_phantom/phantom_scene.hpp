@@ -73,7 +73,10 @@ class PhantomScene {
   PhantomScene(PhantomScene&&) noexcept;
 
   const PhantomCase& description() const { return case_; }
+  /// At the reference setting: what a stereo calibration there would find.
   const StereoHead& stereoHead() const { return head_; }
+  /// At the settings of a stage.
+  StereoHead headOf(int stage) const;
   const cortshift_flow_phantom::CorticalTexture& texture() const { return *texture_; }
 
   /// Index of a stage by name. @throws PhantomCaseError listing the names there are.
@@ -83,7 +86,9 @@ class PhantomScene {
   // Poses of a stage.
   Eigen::Isometry3d T_pmr_head(int stage) const;
   Eigen::Isometry3d T_reference_microscope(int stage) const;
-  View view(int stage, Side side) const { return rawView(head_, case_.light, side, T_pmr_head(stage)); }
+  /// The raw image at the settings of the stage.
+  View view(int stage, Side side) const { return rawView(headOf(stage), case_.light, side, T_pmr_head(stage)); }
+  /// What rectification makes of it: always that of the reference setting.
   View rectified(int stage, Side side) const { return rectifiedView(head_, case_.light, side, T_pmr_head(stage)); }
 
   // Truth.

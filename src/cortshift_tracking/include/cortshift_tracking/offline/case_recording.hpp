@@ -49,18 +49,19 @@ class CaseRecording {
   /// with that calibration. Empty where the bag says nothing of settings.
   std::optional<cortshift_stereo::MicroscopeSetting> referenceSetting(const cortshift_stereo::PairMessages& pair) const;
 
-  /// T_target_source at `stamp` from what was recorded around `arrival`.
+  /// Poses from what was recorded around a time. It keeps these samples and refers to this recording.
   /// @param max_pose_gap [s]
-  /// @throws cortshift_stereo::PoseError, TrackingError
-  Eigen::Isometry3d poseAt(const std::string& target, const std::string& source, const ros::Time& stamp,
-                           const ros::Time& arrival, double max_pose_gap) const;
+  cortshift_stereo::PoseAt posesAround(const ros::Time& arrival, double max_pose_gap) const;
+
+  /// When the patient registration became another one, for the last time up to `time`.
+  std::optional<ros::Time> registrationChanged(const ros::Time& time) const;
 
   static const std::vector<std::string>& topics();
 
  private:
   cortshift_stereo::TransformTree transforms(const ros::Time& from, const ros::Time& to, double max_pose_gap) const;
   sensor_msgs::CameraInfoConstPtr infoOf(const std::string& topic, const PairPlace& pair) const;
-  cortshift_msgs::MicroscopeSettingsConstPtr settingsAt(const ros::Time& time) const;
+  cortshift_msgs::MicroscopeSettingsConstPtr settingsOf(const ros::Time& stamp, const ros::Time& arrival) const;
   ros::Time calibratedSince(const std::string& topic, const sensor_msgs::CameraInfo& info,
                             const ros::Time& arrival) const;
 

@@ -12,7 +12,7 @@
 
 namespace cortshift_tracking {
 
-/// --config FOLDER (by default the workspace's) and --threads N.
+/// --config FOLDER (by default the workspace's), --settings-calibration FOLDER and --threads N.
 /// @throws UsageError, cortshift_stereo::ParameterError, TrackingError
 OfflineParameters parametersFrom(const cortshift_stereo::Options& options);
 

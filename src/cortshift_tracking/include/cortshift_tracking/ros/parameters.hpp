@@ -15,6 +15,7 @@ struct ShiftTrackerParameters {
   double capture_timeout = 10.0;  ///< longest wait for a surface [s, wall], 0.1 ... 600
   double max_surface_age = 2.0;   ///< a surface up to this old is captured at once [s, ROS time], 0 ... 3600
   double max_pose_gap = 0.2;      ///< farthest tracker sample on either side of a stage's stamp [s], 0.001 ... 10
+  double max_speed = 0.005;       ///< of the microscope, or of what it looks at, at a capture [m/s], 0.0001 ... 1
   std::optional<Eigen::Vector3d> gravity_pmr;  ///< direction of gravity, unit length; empty: not known
   double arrow_spacing = 0.003;                ///< between the arrows of /shift/markers [m], 0.0005 ... 0.05
   std::string exclusions;                      ///< YAML file of regions excluded by hand, see readRegions; empty: none

@@ -1,6 +1,7 @@
 // The keyed history of a case and the displacement between its stages, as services.
 #pragma once
 
+#include <cortshift_msgs/CaptureMeanStage.h>
 #include <cortshift_msgs/CaptureStage.h>
 #include <cortshift_msgs/ComputeShift.h>
 #include <cortshift_msgs/DeleteStage.h>
@@ -25,6 +26,8 @@
 #include "cortshift_stereo/ros/pose_lookup.hpp"
 #include "cortshift_tracking/ros/pair_history.hpp"
 #include "cortshift_tracking/ros/parameters.hpp"
+#include "cortshift_tracking/ros/pose_watch.hpp"
+#include "cortshift_tracking/ros/registration.hpp"
 #include "cortshift_tracking/ros/stage_shift.hpp"
 #include "cortshift_tracking/ros/stage_store.hpp"
 #include "cortshift_tracking/ros/surface_inbox.hpp"
@@ -44,8 +47,9 @@ namespace cortshift_tracking {
 ///   [sensor_msgs/Image] bgr8
 ///   /shift/own_points [sensor_msgs/PointCloud2] with own_points: displacements of the earlier surface's own points
 ///   /diagnostics
-/// Services: ~capture_stage, ~list_stages, ~delete_stage, ~compute_shift, ~set_gravity, ~exclude_regions, ~track
-/// Calls: /stereo_driver/trigger, where there is one
+/// Services: ~capture_stage, ~capture_mean_stage, ~list_stages, ~delete_stage, ~compute_shift,
+/// ~compute_shift_across_epochs, ~set_gravity, ~exclude_regions, ~track
+/// Calls: /stereo_driver/trigger, where there is one; /surface_reconstruction/average_pairs for means
 class ShiftTracker {
  public:
   /// @throws TrackingError if the case folder cannot be used
@@ -56,9 +60,15 @@ class ShiftTracker {
   struct Status;  // what diagnostics tell
 
   bool onCapture(cortshift_msgs::CaptureStage::Request& request, cortshift_msgs::CaptureStage::Response& response);
+  bool onCaptureMean(cortshift_msgs::CaptureMeanStage::Request& request,
+                     cortshift_msgs::CaptureMeanStage::Response& response);
   bool onList(cortshift_msgs::ListStages::Request& request, cortshift_msgs::ListStages::Response& response);
   bool onDelete(cortshift_msgs::DeleteStage::Request& request, cortshift_msgs::DeleteStage::Response& response);
   bool onCompute(cortshift_msgs::ComputeShift::Request& request, cortshift_msgs::ComputeShift::Response& response);
+  bool onComputeAcrossEpochs(cortshift_msgs::ComputeShift::Request& request,
+                             cortshift_msgs::ComputeShift::Response& response);
+  bool compute(const cortshift_msgs::ComputeShift::Request& request, cortshift_msgs::ComputeShift::Response& response,
+               bool across_epochs);
   bool onGravity(cortshift_msgs::SetGravity::Request& request, cortshift_msgs::SetGravity::Response& response);
   bool onExclude(cortshift_msgs::ExcludeRegions::Request& request, cortshift_msgs::ExcludeRegions::Response& response);
   bool onTrack(cortshift_msgs::TrackShift::Request& request, cortshift_msgs::TrackShift::Response& response);
@@ -66,7 +76,12 @@ class ShiftTracker {
   void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message);
   void onTimer(const ros::WallTimerEvent& event);
 
+  /// Stores the surface of one pair, or the mean of several, and says so in the response.
+  template <typename Response>
+  void capture(const std::string& key, const std::string& note, unsigned int pairs, Response& response);
   sensor_msgs::PointCloud2ConstPtr awaitSurface(const std::string& key);
+  sensor_msgs::PointCloud2ConstPtr awaitMean(const std::string& key, unsigned int pairs, std::string& remarks);
+  void requireTrustworthyPose(const std::string& key, const ros::Time& stamp) const;
   std::string whyNoSurface() const;
   Directions directions();
   void trackLoop(const std::string& key);
@@ -77,6 +92,8 @@ class ShiftTracker {
   ShiftTrackerParameters parameters_;
   StageStore store_;
   cortshift_stereo::PoseLookup poses_;
+  PoseWatch pose_watch_;
+  RegistrationWatch registration_;
   SurfaceInbox inbox_;
 
   std::mutex capture_mutex_;  // one capture at a time: each may fire the trigger
@@ -95,10 +112,12 @@ class ShiftTracker {
   ros::CallbackQueue data_queue_, service_queue_;
   ros::NodeHandle data_node_, service_node_;
   std::unique_ptr<PairHistory> pairs_;
-  ros::Subscriber surfaces_, diagnostics_in_;
-  ros::Publisher field_, points_, markers_, overlay_before_, overlay_after_, magnitude_, gravity_, normal_, lateral_, own_points_, diagnostics_;
-  ros::ServiceServer capture_, list_, delete_, compute_, set_gravity_, exclude_, track_;
-  ros::ServiceClient trigger_;
+  ros::Subscriber surfaces_, diagnostics_in_, fixed_;
+  ros::Publisher field_, points_, markers_, overlay_before_, overlay_after_, magnitude_, gravity_, normal_, lateral_,
+      own_points_, diagnostics_;
+  ros::ServiceServer capture_, capture_mean_, list_, delete_, compute_, compute_across_epochs_, set_gravity_, exclude_,
+      track_;
+  ros::ServiceClient trigger_, average_;
   ros::WallTimer timer_;
   std::unique_ptr<ros::AsyncSpinner> data_spinner_, service_spinner_;
 };

@@ -28,9 +28,11 @@ struct StageShift {
 };
 
 /// @param excluded regions of the earlier stage's projection frame that take no part
-/// @throws TrackingError for unknown keys, equal ones or the wrong order, and as computeShift
+/// @param across_epochs also between stages of different patient registrations
+/// @throws TrackingError for unknown keys, equal ones, the wrong order or different epochs, and as computeShift
 StageShift computeStageShift(const StageStore& store, const std::string& from_key, const std::string& to_key,
                              FirstNormal& first_normal, const std::optional<Eigen::Vector3d>& gravity_pmr,
-                             const ShiftSettings& settings, const std::vector<Region>& excluded = {});
+                             const ShiftSettings& settings, const std::vector<Region>& excluded = {},
+                             bool across_epochs = false);
 
 }  // namespace cortshift_tracking

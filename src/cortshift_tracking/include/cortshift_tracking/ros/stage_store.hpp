@@ -50,8 +50,8 @@ class StageStore {
   /// @throws TrackingError if a stage of that key exists (naming when it was captured)
   void requireFree(const std::string& key) const;
 
-  /// Returns after the stage is safe on disk. @throws TrackingError; then nothing has changed
-  void add(const StageRecord& record);
+  /// Returns after the stage is safe on disk, with its epoch. @throws TrackingError; then nothing has changed
+  cortshift_msgs::StageInfo add(StageRecord record);
 
   /// @throws TrackingError for an unknown key or a file that is no longer whole
   StageRecord load(const std::string& key) const;

@@ -1,29 +1,23 @@
-// Images of a chessboard as a camera with distortion sees it, edges as smooth as pixels make them.
-#pragma once
+#include "cortshift_stereo_phantom/board_image.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
-#include <opencv2/core/affine.hpp>
-#include <opencv2/imgproc.hpp>
-#include <vector>
 
-#include "cortshift_stereo/calibration/board.hpp"
-#include "cortshift_stereo/camera_model.hpp"
-
-namespace cortshift_stereo {
+namespace cortshift_stereo_phantom {
+namespace {
 
 /// +1 in even, -1 in odd cells of unit width, crossing 0 at the borders over `blur` on both sides.
-inline double softCell(double x, double blur) {
+double softCell(double x, double blur) {
   const double border = std::round(x);
   const bool even_above = static_cast<long>(border) % 2 == 0;
   return std::clamp((x - border) / blur, -1.0, 1.0) * (even_above ? 1 : -1);
 }
 
-/// An 8-bit image of the board at a pose in the camera; the square between the first four corners is dark. Grey noise
-/// of 2/255 comes from OpenCV's generator, seeded here so that every run is the same.
-inline cv::Mat renderBoard(const cv::Size& size, const cv::Matx33d& K, const std::vector<double>& D,
-                           const cv::Affine3d& T_camera_board, const Board& board) {
+}  // namespace
+
+cv::Mat renderBoard(const cv::Size& size, const cv::Matx33d& K, const std::vector<double>& D,
+                    const cv::Affine3d& T_camera_board, const cortshift_stereo::Board& board) {
   std::vector<cv::Point2d> pixels, rays;
   for (int y = 0; y < size.height; ++y)
     for (int x = 0; x < size.width; ++x) pixels.emplace_back(x, y);
@@ -50,4 +44,4 @@ inline cv::Mat renderBoard(const cv::Size& size, const cv::Matx33d& K, const std
   return noisy;
 }
 
-}  // namespace cortshift_stereo
+}  // namespace cortshift_stereo_phantom

@@ -1,0 +1,47 @@
+// The patient registration (reference in pmr): what stages of one epoch have in common.
+#pragma once
+
+#include <cortshift_msgs/StageInfo.h>
+#include <ros/ros.h>
+#include <tf2_msgs/TFMessage.h>
+
+#include <cstdint>
+#include <mutex>
+#include <optional>
+#include <vector>
+
+namespace cortshift_tracking {
+
+/// The registration among a stage's fixed transforms; all NaN where there is none.
+geometry_msgs::Pose registrationOf(const tf2_msgs::TFMessage& fixed);
+
+/// Two unknown registrations are the same: nothing tells them apart.
+bool sameRegistration(const geometry_msgs::Pose& a, const geometry_msgs::Pose& b);
+
+/// Number of the epoch that a new stage belongs to: that of an earlier stage with the same registration, or the next
+/// one; 0 where the registration is not known.
+std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector<cortshift_msgs::StageInfo>& stages);
+
+/// @param changed  when the registration last became another one
+/// @throws TrackingError for a pair that was exposed before that or so shortly after it that the reconstruction may not
+///   have heard of it
+void requireSettled(const ros::Time& stamp, const ros::Time& changed);
+
+/// Notices when the registration changes, so that no stage mixes two of them. Thread-safe.
+class RegistrationWatch {
+ public:
+  void add(const tf2_msgs::TFMessage& message);
+
+  /// The newest one; all NaN where none has been heard of.
+  geometry_msgs::Pose newest() const;
+
+  /// See above.
+  void requireSettled(const ros::Time& stamp) const;
+
+ private:
+  mutable std::mutex mutex_;
+  std::optional<geometry_msgs::Pose> newest_;
+  ros::Time changed_;
+};
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,288 @@
+"""Checks an operating room before a case: calibration, cameras, tracker, disk, clock.
+
+    script/preflight [--site config/site.yaml]
+
+Prints one line for each check: ok, WARN or FAIL with what to do. Nothing is changed and no image is taken.
+Exit status: 0 nothing failed, 1 something failed, 2 bad usage."""
+import argparse
+import ctypes
+import datetime
+import os
+import re
+import shutil
+import socket
+import struct
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+OK, WARN, FAIL = 'ok', 'WARN', 'FAIL'
+DATE = re.compile(r'\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ')
+DAY = 86400.0
+GIGABYTE = 1e9
+HEADER = struct.Struct('> H 12s 20s Q Q Q')  # of OpenIGTLink: version, type, device, time stamp, size of the body, CRC
+MAX_BODY = 1 << 28
+TIME_ERROR = 5       # of adjtimex: the clock is not synchronised
+LISTEN = 2.0         # s that a tracker is listened to
+MAX_CLOCK_OFFSET = 0.5  # s between the tracker's clock and ours, the bridge's default
+
+
+@dataclass
+class Limits:
+    """Of a site, under the key `preflight` of its file; these are the defaults."""
+    calibration_days: float = 90.0  # older: WARN, twice as old: FAIL
+    disk_gb: float = 20.0           # less: FAIL; a case of two hours with its recording
+    clock_must_be_synchronised: bool = False  # with several machines or a tracker that stamps by itself
+
+
+@dataclass
+class Finding:
+    level: str
+    check: str
+    text: str
+
+
+def section(site, name):
+    """Parameters of one node in the site's file, as a dict."""
+    values = site.get(name) or {}
+    if not isinstance(values, dict):
+        raise ValueError(f'{name} is not a dictionary of parameters')
+    return values
+
+
+def calibration_date(path):
+    """Date of a calibration in seconds since 1970, and whether it says so itself (else the file's own date)."""
+    found = DATE.search(path.read_text())
+    if found is None:
+        return path.stat().st_mtime, False
+    return datetime.datetime.fromisoformat(found.group().replace('Z', '+00:00')).timestamp(), True
+
+
+def age_finding(check, path, limits, now):
+    date, said = calibration_date(path)
+    days = (now - date) / DAY
+    text = f'{path} is {days:.0f} days old' + ('' if said else ' by its file date; it does not say its own')
+    if days < -1:
+        return Finding(FAIL, check, f'{path} is from the future ({-days:.0f} days); check the clock')
+    if days > 2 * limits.calibration_days:
+        return Finding(FAIL, check, f'{text} (at most {2 * limits.calibration_days:.0f}); calibrate again')
+    if days > limits.calibration_days:
+        return Finding(WARN, check, f'{text}; calibrate soon (from {limits.calibration_days:.0f} days on)')
+    return Finding(OK if said else WARN, check, text)
+
+
+def check_calibration(driver, limits, now):
+    """Findings, and the calibrated image size or None."""
+    paths = {key: driver.get(key) for key in ('calibration_left', 'calibration_right', 'hand_eye')}
+    findings, loaded = [], {}
+    for key, value in paths.items():
+        if not value:
+            if key == 'hand_eye':
+                findings.append(Finding(WARN, key, 'none: microscope -> left_optical must be published by something else'))
+            else:
+                findings.append(Finding(FAIL, key, f'none; set stereo_driver/{key}'))
+            continue
+        try:
+            loaded[key] = yaml.safe_load(Path(value).read_text())
+            if not isinstance(loaded[key], dict):
+                raise ValueError('it is no dictionary')
+            findings.append(age_finding(key, Path(value), limits, now))
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            findings.append(Finding(FAIL, key, f'{value} cannot be read ({error}); calibrate, or correct the path'))
+            loaded.pop(key, None)
+    if 'calibration_left' not in loaded or 'calibration_right' not in loaded:
+        return findings, None
+    return findings + match_findings(paths, loaded), image_size(loaded['calibration_left'])
+
+
+def image_size(camera):
+    return camera.get('image_width'), camera.get('image_height')
+
+
+def match_findings(paths, loaded):
+    """Whether the files belong to each other."""
+    left, right = loaded['calibration_left'], loaded['calibration_right']
+    if image_size(left) != image_size(right):
+        return [Finding(FAIL, 'calibration match', f'left is for {image_size(left)} pixels, right for {image_size(right)}; '
+                        'take both files of one calibration')]
+    try:
+        projection = [camera['projection_matrix']['data'] for camera in (left, right)]
+        same = all(projection[0][i] == projection[1][i] for i in (0, 5))
+        baseline = -projection[1][3] / projection[1][0]
+    except (KeyError, TypeError, IndexError, ZeroDivisionError):
+        return [Finding(FAIL, 'calibration match', 'projection_matrix is missing or incomplete; calibrate again')]
+    dates = {key: calibration_date(Path(paths[key])) for key in loaded}
+    if not same or not 0.001 < baseline < 0.5:
+        return [Finding(FAIL, 'calibration match', f'the two files are not of one stereo calibration (baseline {baseline} m)')]
+    if dates['calibration_left'][1] and dates['calibration_right'][1] and \
+            dates['calibration_left'][0] != dates['calibration_right'][0]:
+        return [Finding(FAIL, 'calibration match', 'left and right are of different dates; take both files of one calibration')]
+    if 'hand_eye' in loaded and dates['hand_eye'][0] < dates['calibration_left'][0] and dates['hand_eye'][1]:
+        return [Finding(FAIL, 'calibration match', 'hand_eye is older than the stereo calibration it builds on; '
+                        'run calibrate_hand_eye again')]
+    return [Finding(OK, 'calibration match', f'{left.get("image_width")} x {left.get("image_height")} pixels, '
+                    f'baseline {1000 * baseline:.2f} mm')]
+
+
+def check_cameras(driver, size):
+    if driver.get('source') != 'aravis':
+        if driver.get('source') in (None, 'none'):
+            return [Finding(FAIL, 'cameras', 'stereo_driver/source is none; set it to aravis in the site file')]
+        return [Finding(OK, 'cameras', f'source {driver["source"]}: none to check')]
+    tool = shutil.which('arv-tool-0.8')
+    if tool is None:
+        return [Finding(WARN, 'cameras', 'not checked: install aravis-tools-cli')]
+    findings = []
+    for side in ('left', 'right'):
+        device = (driver.get('aravis') or {}).get(side, {}).get('device')
+        check = f'{side} camera'
+        if not device:
+            findings.append(Finding(FAIL, check, f'no device; set stereo_driver/aravis/{side}/device'))
+            continue
+        by_address = re.fullmatch(r'\d+\.\d+\.\d+\.\d+', str(device))
+        run = subprocess.run([tool, '-a' if by_address else '-n', str(device), 'control', 'Width', 'Height'], timeout=60,
+                             capture_output=True, text=True)
+        found = dict(re.findall(r'(Width|Height) = (\d+)', run.stdout))
+        if len(found) < 2:
+            said = (run.stdout + run.stderr).strip().replace('\n', ' ')
+            findings.append(Finding(FAIL, check, f'{device} does not answer ({said or "nothing"}); check power, cable and address'))
+        elif size is not None and (int(found['Width']), int(found['Height'])) != size and \
+                not any(f.startswith(('Width=', 'Height=')) for f in driver['aravis'][side].get('features', [])):
+            findings.append(Finding(FAIL, check, f'{device} gives {found["Width"]} x {found["Height"]} pixels, the calibration is '
+                                    f'for {size[0]} x {size[1]}; set Width and Height, or calibrate again'))
+        else:
+            findings.append(Finding(OK, check, f'{device} answers, {found["Width"]} x {found["Height"]} pixels'))
+    return findings
+
+
+def listen(server, seconds):
+    """{device or tool name: newest stamp [s]} that an OpenIGTLink server sends, and our clock at that time. OSError."""
+    host, port = server.rsplit(':', 1)
+    heard, end = {}, time.monotonic() + seconds
+    with socket.create_connection((host, int(port)), timeout=seconds) as link:
+        def read(count):
+            data = b''
+            while len(data) < count:
+                link.settimeout(max(0.01, end - time.monotonic()))
+                part = link.recv(min(1 << 16, count - len(data)))
+                if not part:
+                    raise OSError('the connection was closed')
+                data += part
+            return data
+        try:
+            while time.monotonic() < end:
+                _, kind, device, stamp, size, _ = HEADER.unpack(read(HEADER.size))
+                if size > MAX_BODY:
+                    raise OSError('it does not speak OpenIGTLink')
+                body = read(size)
+                seconds_of = (stamp >> 32) + (stamp & 0xffffffff) / 2 ** 32
+                names = [device]
+                if kind.rstrip(b'\0') == b'TDATA':
+                    names += [body[i:i + 20] for i in range(0, len(body) - 69, 70)]
+                for name in names:
+                    heard[name.rstrip(b'\0').decode(errors='replace')] = (seconds_of, time.time())
+        except socket.timeout:
+            pass
+    return heard
+
+
+def check_tracker(bridge):
+    servers, tools = bridge.get('servers') or [], [tool.get('device') for tool in bridge.get('tools') or []]
+    if not tools:
+        return [Finding(FAIL, 'tracker', 'no tools; list them under igtl_bridge/tools in the site file')]
+    if not servers:
+        return [Finding(WARN, 'tracker', f'it connects to us (no igtl_bridge/servers); wait for {", ".join(tools)} to be OK in the '
+                        'diagnostics')]
+    findings, heard = [], {}
+    for server in servers:
+        try:
+            heard.update(listen(server, LISTEN))
+            findings.append(Finding(OK, 'tracker', f'{server} answers'))
+        except (OSError, ValueError) as error:
+            findings.append(Finding(FAIL, 'tracker', f'{server}: {error}; start the navigation system, check address and firewall'))
+    for tool in tools:
+        if tool not in heard:
+            findings.append(Finding(WARN, f'tool {tool}', f'not heard for {LISTEN:.0f} s: out of sight, or of another name '
+                                    f'(heard: {", ".join(sorted(heard)) or "nothing"})'))
+            continue
+        stamp, arrived = heard[tool]
+        offset = stamp - arrived
+        if stamp == 0 or abs(offset) > MAX_CLOCK_OFFSET:
+            findings.append(Finding(FAIL, f'tool {tool}', 'its messages carry no time stamp' if stamp == 0 else
+                                    f'its clock differs from ours by {offset:.3f} s; synchronise both by NTP'))
+        else:
+            findings.append(Finding(OK, f'tool {tool}', f'heard, clock {1000 * offset:+.0f} ms from ours'))
+    return findings
+
+
+def existing(path):
+    """The folder itself or the nearest one above it that exists."""
+    path = Path(path).expanduser().absolute()
+    while not path.exists():
+        path = path.parent
+    return path
+
+
+def check_disk(site, limits):
+    home = os.environ.get('ROS_HOME') or '~/.ros'
+    folders = {'case folder': section(site, 'shift_tracker').get('case_folder') or home,
+               'recording': section(site, 'case_recorder').get('folder') or home}
+    findings = []
+    for check, folder in folders.items():
+        place = existing(folder)
+        left = shutil.disk_usage(place).free / GIGABYTE
+        text = f'{left:.1f} GB are free for {folder}'
+        if not os.access(place, os.W_OK):
+            findings.append(Finding(FAIL, check, f'{place} may not be written; correct its rights or the path'))
+        elif left < limits.disk_gb:
+            findings.append(Finding(FAIL, check, f'{text}, less than {limits.disk_gb:.0f} GB; free some'))
+        else:
+            findings.append(Finding(OK, check, text))
+    return findings
+
+
+def check_clock(limits):
+    buffer = ctypes.create_string_buffer(1024)  # struct timex, larger than any; modes = 0 only reads
+    state = ctypes.CDLL(None, use_errno=True).adjtimex(buffer)
+    if state < 0:
+        return [Finding(WARN, 'clock', f'not checked: {os.strerror(ctypes.get_errno())}')]
+    if state == TIME_ERROR:
+        return [Finding(FAIL if limits.clock_must_be_synchronised else WARN, 'clock',
+                        'not synchronised; start chrony or systemd-timesyncd with the server that the tracker uses')]
+    return [Finding(OK, 'clock', 'synchronised')]
+
+
+def preflight(site, now=None):
+    """All findings. site: contents of the site's file. ValueError for a file that is no site file."""
+    if not isinstance(site, dict):
+        raise ValueError('it is not a dictionary of nodes')
+    given = section(site, 'preflight')
+    unknown = set(given) - set(Limits.__dataclass_fields__)
+    if unknown:
+        raise ValueError(f'preflight/{sorted(unknown)[0]} is unknown; known are {", ".join(Limits.__dataclass_fields__)}')
+    limits = Limits(**given)
+    driver = section(site, 'stereo_driver')
+    calibration, size = check_calibration(driver, limits, now or time.time())
+    return [*calibration, *check_cameras(driver, size), *check_tracker(section(site, 'igtl_bridge')), *check_disk(site, limits),
+            *check_clock(limits)]
+
+
+def main(words):
+    parser = argparse.ArgumentParser(prog='preflight', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--site', default='config/site.yaml', help='file of the site (default: config/site.yaml)')
+    site = parser.parse_args(words).site
+    try:
+        findings = preflight(yaml.safe_load(Path(site).read_text()))
+    except (OSError, ValueError, TypeError, yaml.YAMLError) as error:
+        print(f'preflight: {site}: {error}', file=sys.stderr)
+        return 1
+    width = max(len(finding.check) for finding in findings)
+    for finding in findings:
+        print(f'{finding.level:<4}  {finding.check:<{width}}  {finding.text}')
+    failed = sum(finding.level == FAIL for finding in findings)
+    print(f'{len(findings)} checks: ' + (f'{failed} failed' if failed else 'ready'))
+    return 1 if failed else 0

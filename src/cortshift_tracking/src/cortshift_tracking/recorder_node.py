@@ -1,0 +1,105 @@
+"""Records a case on the way: rosbag in parts of some minutes, compressed, the oldest given up when there are too many."""
+import os
+import shutil
+import signal
+import subprocess
+import threading
+import time
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from cortshift_tracking.parameters import Number, ParameterError, read_parameters
+
+GIGABYTE = 1e9
+PERIOD = 1.0       # s between looks
+SILENCE = 20.0     # s without growth: nothing is published, or the disk does not take it
+TOPICS = ['/stereo/left/image_raw', '/stereo/right/image_raw', '/stereo/left/camera_info', '/stereo/right/camera_info',
+          '/microscope/pose', '/microscope/settings', '/tf', '/tf_static', '/shift/field', '/diagnostics', '/rosout']
+PARAMETERS = {
+    'folder': '',                              # '': recordings of this ROS home
+    'minutes': Number(5.0, 0.05, 120.0),       # of one file
+    'files': Number(24, 2, 10000),             # newest files that are kept
+    'compression': 'lz4',                      # lz4 or none
+    'min_disk_gb': Number(2.0, 0.1, 1000.0),   # below this recording pauses: the stages need the rest
+}
+
+
+class Recorder:
+    """Parameters: PARAMETERS. Publishes /diagnostics. Runs `rosbag record`, and again should it end."""
+
+    def __init__(self):
+        values = read_parameters(PARAMETERS)
+        if values['compression'] not in ('lz4', 'none'):
+            raise ParameterError(f'parameter {rospy.get_name()}/compression = {values["compression"]!r} is not allowed; allowed is '
+                                 'lz4, none')
+        home = os.environ.get('ROS_HOME') or os.path.expanduser('~/.ros')
+        self._values = values
+        self._folder = os.path.abspath(os.path.expanduser(values['folder'] or os.path.join(home, 'cortshift', 'recordings')))
+        try:
+            os.makedirs(self._folder, exist_ok=True)
+        except OSError as error:
+            raise ParameterError(f'parameter {rospy.get_name()}/folder: {error}') from error
+        self._process = None
+        self._starts, self._size, self._grown = 0, 0, time.monotonic()
+        self._diagnostics = rospy.Publisher('/diagnostics', DiagnosticArray, queue_size=5)
+        rospy.on_shutdown(self._stop)
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def _start(self):
+        prefix = os.path.join(self._folder, time.strftime('case_%Y%m%dT%H%M%S'))
+        command = ['rosbag', 'record', '--quiet', '--split', f'--duration={60 * self._values["minutes"]:.0f}',
+                   f'--max-splits={self._values["files"]:.0f}', '--buffsize=512', '--output-prefix', prefix, '__name:=case_recording']
+        command += ['--lz4'] if self._values['compression'] == 'lz4' else []
+        self._process = subprocess.Popen(command + TOPICS, stdout=subprocess.DEVNULL)
+        self._starts += 1
+
+    def _stop(self):
+        process, self._process = self._process, None
+        if process is not None and process.poll() is None:
+            process.send_signal(signal.SIGINT)  # closes the file with its index
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+    def _watch(self):
+        while not rospy.is_shutdown():
+            free = shutil.disk_usage(self._folder).free / GIGABYTE
+            running = self._process is not None and self._process.poll() is None
+            if free < self._values['min_disk_gb']:
+                self._stop()
+            elif not running:
+                self._start()
+            self._report(free)
+            time.sleep(PERIOD)
+
+    def _report(self, free):
+        files = [entry for entry in os.scandir(self._folder) if entry.name.endswith(('.bag', '.bag.active'))]
+        size = sum(entry.stat().st_size for entry in files)
+        now = time.monotonic()
+        if size != self._size:
+            self._size, self._grown = size, now
+        status = DiagnosticStatus(DiagnosticStatus.OK, f'{rospy.get_name()[1:]}: recording', 'recording', '', [])
+        if free < self._values['min_disk_gb']:
+            status.level, status.message = DiagnosticStatus.ERROR, f'recording pauses: only {free:.1f} GB are free'
+        elif now - self._grown > SILENCE:
+            status.level, status.message = DiagnosticStatus.WARN, f'nothing has been written for {now - self._grown:.0f} s'
+        elif self._starts > 1:
+            status.level, status.message = DiagnosticStatus.WARN, f'rosbag ended {self._starts - 1} times and was started again'
+        status.values = [KeyValue('folder', self._folder), KeyValue('files', str(len(files))),
+                         KeyValue('size_GB', f'{size / GIGABYTE:.3f}'), KeyValue('disk_left_GB', f'{free:.1f}')]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = rospy.Time.now()
+        self._diagnostics.publish(message)
+
+
+def main():
+    rospy.init_node('case_recorder')
+    try:
+        Recorder()
+    except ParameterError as error:
+        rospy.logfatal('case_recorder cannot start: %s', error)
+        return 1
+    rospy.spin()
+    return 0

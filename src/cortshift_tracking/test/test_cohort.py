@@ -1,0 +1,144 @@
+"""A synthetic cohort of twelve through script/cohort: two cases that fail alone, a kill in the middle, the table."""
+import csv
+import json
+import math
+import os
+import shutil
+import signal
+import statistics
+import subprocess
+import time
+
+import pytest
+
+import recorded_cases as cases
+from cortshift_tracking.cohort.sheet import read_sheet
+from cortshift_tracking.errors import CaseError
+from offline_tools import ROOT
+
+COHORT = str(ROOT / 'script/cohort')
+SETTINGS = ('--config', 'settings=' + cases.CONFIG)
+GOOD = [f'p{n:02d}' for n in range(1, 11)]
+SIZE = (240, 180)
+
+
+@pytest.fixture(scope='module')
+def sheet(tmp_path_factory):
+    """Sheet of twelve cases: ten patients with five different displacements, one cut recording, one camera that has moved."""
+    folder = str(tmp_path_factory.mktemp('cohort'))
+    bags = [cases.record(folder, f'base{n}', SIZE, sag=0.002 + 0.001 * n, lateral=0.0004 * n, seed=3 + n)[0] for n in range(5)]
+    lines = ['case,bag,stages,calibration,gravity']
+    stages = ' '.join(cases.CAPTURES)
+    for n, name in enumerate(GOOD):
+        shutil.copy(bags[n % 5], os.path.join(folder, name + '.bag'))
+        lines.append(f'{name},{name}.bag,{stages},,"-0.42,-0.66,-0.62"')
+    cases.cut(bags[0], os.path.join(folder, 'cut.bag'), os.path.getsize(bags[0]) // 3)
+    cases.rewrite(bags[1], os.path.join(folder, 'moved.bag'), cases.tilt_right_camera)
+    lines[5:5] = [f'cut,cut.bag,{stages},,', f'moved,moved.bag,{stages},,']
+    path = os.path.join(folder, 'sheet.csv')
+    with open(path, 'w', encoding='utf-8') as file:
+        file.write('\n'.join(lines) + '\n')
+    return path
+
+
+def run(sheet, output, *arguments):
+    return subprocess.run([COHORT, sheet, output, *SETTINGS, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                          universal_newlines=True, check=False)
+
+
+def results_in(output):
+    folder = os.path.join(output, 'results')
+    return sorted(name[:-5] for name in os.listdir(folder) if name.endswith('.json')) if os.path.isdir(folder) else []
+
+
+def test_cohort(sheet, tmp_path):
+    output = str(tmp_path / 'out')
+    first = subprocess.Popen([COHORT, sheet, output, *SETTINGS, '--cores', '2'], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                             start_new_session=True)
+    while len(results_in(output)) < 5 and first.poll() is None:
+        time.sleep(0.05)
+    assert first.poll() is None, 'it ended before it could be killed'
+    os.killpg(first.pid, signal.SIGKILL)
+    first.wait()
+    finished = results_in(output)
+    assert 5 <= len(finished) < 12 and not os.path.exists(os.path.join(output, 'cohort.csv'))
+    times = {name: os.stat(os.path.join(output, 'results', name + '.json')).st_mtime_ns for name in finished}
+
+    second = run(sheet, output, '--cores', '2')
+    assert second.returncode == 0, second.stdout
+    assert len(results_in(output)) == 12
+    for name, stamp in times.items():   # not done again
+        assert os.stat(os.path.join(output, 'results', name + '.json')).st_mtime_ns == stamp
+    assert sorted(name for name in os.listdir(os.path.join(output, 'cases'))) == GOOD
+    for name in GOOD:
+        assert os.path.getsize(os.path.join(output, 'cases', name, 'report.html')) > 100000
+    assert '10 of 12 cases processed' in second.stdout and 'cut failed' in second.stdout and 'moved failed' in second.stdout
+
+    with open(os.path.join(output, 'cohort.csv'), encoding='utf-8', newline='') as file:
+        rows = list(csv.DictReader(file))
+    by_case = {row['case']: row for row in rows}
+    assert len(rows) == 14 and all(by_case[name]['status'] == 'done' for name in GOOD)
+    assert 'was not captured' in by_case['cut']['reason'] and by_case['cut']['status'] == 'failed'
+    assert 'epipolar' in by_case['moved']['reason'] and by_case['moved']['status'] == 'failed'
+    for name in (*GOOD, 'cut', 'moved'):
+        assert float(by_case[name]['case_seconds']) > 0 and float(by_case[name]['case_peak_memory_mb']) > 20
+    for column in ('d_mean_mm', 'gravity_mean_mm', 'normal_mean_mm', 'lateral_mean_mm', 'angle_deg'):
+        values = [float(by_case[name][column]) for name in GOOD]
+        assert math.isclose(float(by_case['mean over 10 patients'][column]), statistics.mean(values), abs_tol=2e-4)
+        assert math.isclose(float(by_case['sd over 10 patients'][column]), statistics.stdev(values), abs_tol=2e-4)
+    assert float(by_case['sd over 10 patients']['d_mean_mm']) > 0.1
+    with open(os.path.join(output, 'cohort.html'), encoding='utf-8') as file:
+        page = file.read()
+    assert '10 processed, 2 failed: cut, moved' in page and page.count('data:image/png') == 2
+
+    # Nothing to do: nothing is done. One line changed: that case alone, and the table.
+    third = run(sheet, output)
+    assert third.returncode == 0 and 'Nothing to be done' in third.stdout
+    with open(sheet, encoding='utf-8') as file:
+        changed = file.read().replace('cut,cut.bag,' + ' '.join(cases.CAPTURES), 'cut,cut.bag,dural_opening@3.1 again@3.2')
+    with open(sheet, 'w', encoding='utf-8') as file:
+        file.write(changed)
+    fourth = run(sheet, output)
+    assert fourth.returncode == 0 and '11 of 12 cases processed' in fourth.stdout, fourth.stdout
+    for name, stamp in times.items():
+        if name != 'cut':
+            assert os.stat(os.path.join(output, 'results', name + '.json')).st_mtime_ns == stamp
+
+
+def test_memory_is_bounded(sheet, tmp_path):
+    """A case gets no more memory than declared, and says so."""
+    with open(sheet, encoding='utf-8') as file:
+        lines = file.read().splitlines()
+    one = os.path.join(os.path.dirname(sheet), 'one.csv')
+    with open(one, 'w', encoding='utf-8') as file:
+        file.write('\n'.join(lines[:2]) + '\n')
+    done = run(one, str(tmp_path / 'out'), '--config', 'mem_mb=40')
+    assert done.returncode == 0 and 'p01 failed' in done.stdout, done.stdout
+    with open(tmp_path / 'out/results/p01.json', encoding='utf-8') as file:
+        assert json.load(file)['status'] == 'failed'
+    done = run(one, str(tmp_path / 'out'), '--retry-failed', '--config', 'exports=npz csv')
+    assert '1 of 1 cases processed' in done.stdout, done.stdout
+    assert os.path.exists(tmp_path / 'out/cases/p01' / ('__'.join(cases.STAGES) + '.npz'))
+
+
+@pytest.mark.parametrize('text, reason', [
+    ('case,bag,stages\np1,a.bag,a@1\n', 'columns missing: calibration'),
+    ('case,bag,stages,calibration,colour\n', 'unknown: colour'),
+    ('case,bag,stages,calibration\n', 'holds no case'),
+    ('case,bag,stages,calibration\np1,,a@1,\n', 'line 2: column bag is empty'),
+    ('case,bag,stages,calibration\np/1,a.bag,a@1,\n', 'line 2: case "p/1"'),
+    ('case,bag,stages,calibration\np1,a.bag,a@1,\np1,b.bag,a@1,\n', 'line 3: case "p1" stands twice'),
+    ('case,bag,stages,calibration\np1,a.bag,a@1\n', 'another number of columns')])
+def test_sheet_is_checked(tmp_path, text, reason):
+    (tmp_path / 'sheet.csv').write_text(text)
+    with pytest.raises(CaseError) as refused:
+        read_sheet(str(tmp_path / 'sheet.csv'))
+    assert reason in str(refused.value)
+
+
+def test_sheet(tmp_path):
+    (tmp_path / 'sheet.csv').write_text('case,bag,stages,calibration\np1,sub/a.bag,a@1 b@2.5 c@3,../fixed.yaml\np2,b.bag,plan.yaml,\n')
+    first, second = read_sheet(str(tmp_path / 'sheet.csv')).values()
+    assert first.arguments() == [str(tmp_path / 'sub/a.bag'), '--capture', 'a@1', 'b@2.5', 'c@3', '--shift', 'a:b', 'b:c', 'a:c',
+                                 '--static-tf', str(tmp_path.parent / 'fixed.yaml')]
+    assert second.arguments() == [str(tmp_path / 'b.bag'), '--plan', str(tmp_path / 'plan.yaml')]
