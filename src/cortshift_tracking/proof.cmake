@@ -10,4 +10,5 @@ if(CATKIN_ENABLE_TESTING)
     COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-proof.xml ${PROOF_TESTS}"
     WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
   add_rostest(test/probe_node.test)
+  add_rostest(test/demo_case.test DEPENDENCIES shift_tracker field_error)
 endif()

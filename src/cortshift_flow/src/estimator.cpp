@@ -1,6 +1,7 @@
 #include "estimator.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
@@ -10,6 +11,7 @@
 #include "noise.hpp"
 #include "occlusion.hpp"
 #include "photometric.hpp"
+#include "piecewise.hpp"
 #include "polish.hpp"
 #include "prepare.hpp"
 #include "rough_flow.hpp"
@@ -21,6 +23,7 @@ namespace {
 constexpr int kPolishLevel = 2;          // from this level on the polish takes over from Eq. (5)
 constexpr int kStiffLinearisations = 2;  // of the first polish, whose start is too rough to tell curvature from noise
 constexpr int kConjugateGradients = 60;  // per linearisation
+constexpr float kMostUnsure = 0.33f;     // share of pixels beyond which one smooth surface is no model of the flow
 constexpr float kAgreement = 1;          // of forward and backward flow [px of the level]
 
 /// One polish at a level, with the noise learned from what `visible` shows.
@@ -53,6 +56,21 @@ Hidden findHidden(const Level& level, const FlowBothWays& flow, const cv::Mat1b&
   // Next to what is hidden the flow is unsure, and everything hidden is continued from there.
   cv::erode(hidden.visible, hidden.visible, cv::Mat::ones(5, 5, CV_8U));
   return hidden;
+}
+
+/// Share of unsure pixels among those that count and whose match lies inside the second image.
+float shareUnsure(const cv::Mat1f& error, const FlowPlanes& flow) {
+  constexpr float kUnsure = 0.25f;  // [px of the level]
+  int all = 0, unsure = 0;
+  for (int y = 0; y < error.rows; y += 2)
+    for (int x = 0; x < error.cols; x += 2) {
+      const float px = static_cast<float>(x) + flow.u.row(y)[x], py = static_cast<float>(y) + flow.v.row(y)[x];
+      if (!(px >= 0 && py >= 0 && px < static_cast<float>(error.cols) && py < static_cast<float>(error.rows))) continue;
+      if (std::isinf(error(y, x))) continue;
+      ++all;
+      unsure += error(y, x) > kUnsure;
+    }
+  return all > 0 ? static_cast<float>(unsure) / static_cast<float>(all) : 0.f;
 }
 
 }  // namespace
@@ -100,11 +118,10 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
       const cv::Mat1b uncovered = coveredBy(flow.backward, trusted) == 0;
       exchangeFlow(level, exchangeReaches(), kMatchWindow, scale.suspect, uncovered, flow.forward, threads);
       hidden = findHidden(level, flow, uncovered, scale.unmatched, threads);
-      continueFlow(level.first, hidden.visible, flow.forward, threads);
+      continueFlow(level.first, hidden.visible, Continue::kByColour, flow.forward, threads);
     }
     polished = polishAt(level, l, hidden.visible, flow.forward,
-                        finest ? settings.full_polish_iterations
-                               : settings.coarse_polish_iterations,
+                        finest ? settings.full_polish_iterations : settings.coarse_polish_iterations,
                         l == start ? kStiffLinearisations : 0, settings, threads);
     flow.forward = evaluate(polished, flow.forward, threads);
     if (l > 0 && brightness.significant())
@@ -116,9 +133,13 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   exchangeFlow(level, {6, 12}, 1, scale.suspect, settled, flow.forward, threads);
 
   Estimate estimate;
-  const cv::Mat1f error =
-      predictError(level, flow.forward, hidden.visible, polished,
-                   static_cast<float>(settings.curvature * (1 << finest_level)), scale.suspect, threads);
+  cv::Mat1f error = predictError(level, flow.forward, hidden.visible, polished,
+                                 static_cast<float>(settings.curvature * (1 << finest_level)), scale.suspect, threads);
+  if (shareUnsure(error, flow.forward) > kMostUnsure) {
+    PiecewiseFlow piecewise = piecewiseFlow(levels, start, finest_level, settings, threads);
+    flow.forward = std::move(piecewise.flow);
+    error = piecewise.error;
+  }
   estimate.confidence = confidenceFromError(error, finest_level, images.first.size(), threads);
   if (!images.first_valid.empty()) estimate.confidence.setTo(0, images.first_valid == 0);
   for (int l = finest_level - 1; l >= 0; --l)

@@ -193,7 +193,7 @@ cv::Mat1b consistent(const FlowPlanes& flow, const FlowPlanes& opposite, float t
   return result;
 }
 
-void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, FlowPlanes& flow, int threads) {
+void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, Continue side, FlowPlanes& flow, int threads) {
   const int width = visible.cols, height = visible.rows;
   if (cv::countNonZero(visible) == width * height) return;
   cv::Mat smooth_image;
@@ -230,8 +230,8 @@ void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, FlowPlanes& 
     for (int i = 0; i < grid.width; ++i) {
       if (hidden(j, i) == 0) continue;
       const cv::Vec4f& c = candidates(j, i);
-      chosen(j, i) =
-          evidence_sum(j, i) <= kPreferMoving * hidden_sum(j, i) ? cv::Vec3f(c[0], c[1], 1) : cv::Vec3f(c[2], c[3], 2);
+      const bool moving = side == Continue::kByColour && evidence_sum(j, i) <= kPreferMoving * hidden_sum(j, i);
+      chosen(j, i) = moving ? cv::Vec3f(c[0], c[1], 1) : cv::Vec3f(c[2], c[3], 2);
     }
   forRows(height, threads, [&](int begin, int end) {
     for (int y = begin; y < end; ++y)

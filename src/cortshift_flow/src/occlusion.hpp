@@ -18,6 +18,10 @@ cv::Mat1b consistent(const FlowPlanes& flow, const FlowPlanes& opposite, float t
 /// between two motions the covered strip belongs to one of them; motion alone cannot say to which, so the side whose
 /// colour it shares has it, and where colours do not differ the one that moves more: tissue slides under the edge of
 /// a craniotomy, a retractor or a pad, which rest.
-void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, FlowPlanes& flow, int threads);
+enum class Continue {
+  kByColour,  ///< as said above
+  kResting,   ///< from the side that moves less, whatever its colour: what lies behind
+};
+void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, Continue side, FlowPlanes& flow, int threads);
 
 }  // namespace cortshift_flow

@@ -1,20 +1,27 @@
 // reconstruct() beside plain semi-global matching on the cortical phantom: accuracy, time, memory, scaling.
+#include <malloc.h>
 #include <sys/resource.h>
 
 #include <algorithm>
 #include <cstdio>
+#include <fstream>
 #include <functional>
+#include <limits>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
+#include <string>
+#include <vector>
 
 #include "cortshift_stereo/frame_average.hpp"
+#include "cortshift_stereo/heap.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
 #include "phantom_pair.hpp"
 
 namespace {
 
 using namespace cortshift_stereo;
+using cortshift_stereo_phantom::StereoImages;
 using cortshift_stereo_test::Exposure;
 using cortshift_stereo_test::HeightErrors;
 using cortshift_stereo_test::PhantomPair;
@@ -100,31 +107,51 @@ StereoModel scaled(const StereoModel& model, double scale) {
   return out;
 }
 
+/// Kilobytes of a line of /proc/self/status; 0 where the system has none.
+long statusKilobytes(const std::string& key) {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);)
+    if (line.compare(0, key.size() + 1, key + ":") == 0) return std::stol(line.substr(key.size() + 1));
+  return 0;
+}
+
+/// Memory that `work` needs beyond what the process holds already [MB].
+long extraMegabytes(const std::function<void()>& work) {
+  malloc_trim(0);                                 // what is free goes back first
+  std::ofstream("/proc/self/clear_refs") << "5";  // the peak starts from here
+  const long before = statusKilobytes("VmRSS");
+  work();
+  return (statusKilobytes("VmHWM") - before) / 1024;
+}
+
+void timeRow(const StereoImages& images, const StereoModel& model, double relief) {
+  const Rectifier rectifier(model);
+  cv::Mat left, right;
+  cv::resize(images.left, left, model.left.size, 0, 0, cv::INTER_CUBIC);
+  cv::resize(images.right, right, model.left.size, 0, 0, cv::INTER_CUBIC);
+  const RectifiedPair pair = rectifier.rectify(left, right);
+  ReconstructionSettings settings;
+  settings.relief = relief;
+  settings.limits.min_sharpness = 0.05;  // enlarged images have no detail of two pixels
+  SearchRange range;
+  const auto run = [&] { range = reconstruct(left, right, rectifier, settings).quality.search_range; };
+  const long megabytes = extraMegabytes(run);
+  const auto [plain, ours] = compare([&] { plainMatch(pair, range); }, run);
+  std::printf("| %dx%d | %.2f | %d | %.3f | %.3f | %.2f | %.3f | %.3f | %.2f | %ld |\n", left.cols, left.rows,
+              1e-6 * static_cast<double>(left.total()), range.size(), plain.wall, ours.wall, ours.wall / plain.wall,
+              plain.processor, ours.processor, ours.processor / plain.processor, megabytes);
+  std::fflush(stdout);
+}
+
 void time(const PhantomPair& phantom) {
   std::printf(
-      "\n| pixels | range px | SGBM wall s | ours wall s | ratio | SGBM cpu s | ours cpu s | ratio | "
-      "ns wall per pixel |\n|---|---|---|---|---|---|---|---|---|\n");
+      "\n| image | Mpx | disparities | SGBM s | cortshift s | ratio | SGBM cpu s | cortshift cpu s | ratio | MB |\n"
+      "|---|---|---|---|---|---|---|---|---|---|\n");
   const auto images = phantom.take({1.0 / 255, 1, 0});
-  for (const double scale : {0.5, 1.0, 1.5, 2448.0 / 1024}) {
-    const Rectifier rectifier(scaled(phantom.model(), scale));
-    cv::Mat left, right;
-    cv::resize(images.left, left, rectifier.model().left.size, 0, 0, cv::INTER_CUBIC);
-    cv::resize(images.right, right, rectifier.model().left.size, 0, 0, cv::INTER_CUBIC);
-    const RectifiedPair pair = rectifier.rectify(left, right);
-    SearchRange range;
-    ReconstructionSettings settings;
-    settings.limits.min_sharpness = 0.05;  // enlarged images have no detail of two pixels
-    const auto [plain, ours] =
-        compare([&] { plainMatch(pair, range.size() > 0 ? range : SearchRange(-32, 32)); },
-                [&] { range = reconstruct(left, right, rectifier, settings).quality.search_range; });
-    std::printf("| %dx%d | %d | %.3f | %.3f | %.2f | %.3f | %.3f | %.2f | %.0f |\n", left.cols, left.rows, range.size(),
-                plain.wall, ours.wall, ours.wall / plain.wall, plain.processor, ours.processor,
-                ours.processor / plain.processor, 1e9 * ours.wall / static_cast<double>(left.total()));
-    std::fflush(stdout);
-  }
-  rusage usage;
-  getrusage(RUSAGE_SELF, &usage);
-  std::printf("\npeak memory of this process, phantom and all sizes: %ld MB\n", usage.ru_maxrss / 1024);
+  constexpr double kRelief = 0.004, kHighReliefs[] = {0.015, 0.03, 0.06};  // [m]
+  for (const double scale : {0.5625, 1.0, 1.5, 2.0, 2448.0 / 1024})
+    timeRow(images, scaled(phantom.model(), scale), kRelief);
+  for (const double relief : kHighReliefs) timeRow(images, phantom.model(), relief);
 }
 
 }  // namespace
@@ -134,6 +161,7 @@ int main(int argc, char** argv) {
     std::puts("usage: benchmark_reconstruction CASE.yaml   (config/phantom/phantom_case.yaml)");
     return argc == 2 ? 0 : 2;
   }
+  cortshift_stereo::keepFreedMemory();  // as the node does
   try {
     const PhantomPair phantom(cortshift_stereo_phantom::loadPhantomCase(argv[1]), 0);
     std::printf("threads: %d\n", cv::getNumThreads());

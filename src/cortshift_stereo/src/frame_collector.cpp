@@ -13,8 +13,8 @@ FrameCollector::FrameCollector(const ViewTolerance& tolerance) : tolerance_(tole
 FrameCollector::Gathered FrameCollector::await(std::size_t count, std::int64_t since_ns,
                                                std::chrono::duration<double> patience) {
   if (count < 2 || count > kMostFrames)
-    throw CollectionError("a mean of " + std::to_string(count) + " pairs is not possible; allowed is 2 to " +
-                          std::to_string(kMostFrames));
+    throw std::invalid_argument("a mean of " + std::to_string(count) + " pairs is not possible; allowed is 2 to " +
+                                std::to_string(kMostFrames));
   const std::lock_guard<std::mutex> waiting(waiting_mutex_);
   std::unique_lock<std::mutex> lock(mutex_);
   since_ns_ = since_ns;

@@ -223,8 +223,11 @@ cv::Mat fillUnknown(const cv::Mat& values, const cv::Mat& known) {
 
 /// Smooths away matching noise below a pixel, keeps larger steps.
 cv::Mat smoothBelowAPixel(const cv::Mat& d) {
-  cv::Mat smooth;
-  cv::GaussianBlur(d, smooth, {}, 2.0);
+  cv::Mat smooth(d.size(), CV_32FC1);
+  constexpr double kStrips = 4;  // OpenCV blurs floats in one thread; it sees the rows around a strip
+  cv::parallel_for_(
+      cv::Range(0, d.rows),
+      [&](const cv::Range& rows) { cv::GaussianBlur(d.rowRange(rows), smooth.rowRange(rows), {}, 2.0); }, kStrips);
   cv::parallel_for_(cv::Range(0, d.rows), [&](const cv::Range& rows) {
     for (int y = rows.start; y < rows.end; ++y) {
       const float* from = d.ptr<float>(y);

@@ -49,7 +49,7 @@ void expectAccurate(const AnalyticScene& scene, double median, double p95, doubl
   EXPECT_LT(accuracy.median_px, median);
   EXPECT_LT(accuracy.p95_px, p95);
   EXPECT_GT(accuracy.coverage, coverage);
-  EXPECT_NEAR(result.quality.coverage, accuracy.coverage, 1e-9);
+  EXPECT_NEAR(result.quality.coverage, accuracy.coverage / Rectifier(scene.model()).leftShare(), 1e-9);
 }
 
 std::string refusalOf(const AnalyticScene& scene, const cv::Mat& left, const cv::Mat& right) {
@@ -174,6 +174,19 @@ TEST(Reconstruction, pairsWithoutASurfaceAreRefusedByName) {
   bad = {};
   bad.right_rows_down = 2;
   EXPECT_EQ(refusalOf(bad, bad.left(), bad.right()), "epipolar");
+}
+
+TEST(Reconstruction, tooLittleCoverageIsRefusedByName) {
+  const AnalyticScene scene;
+  ReconstructionSettings settings;
+  settings.limits.min_coverage = 1;
+  try {
+    reconstructScene(scene, settings);
+    FAIL();
+  } catch (const PairError& error) {
+    EXPECT_EQ(error.reason(), "coverage");
+    EXPECT_NE(std::string(error.what()).find("at least 100 % is needed"), std::string::npos) << error.what();
+  }
 }
 
 TEST(Reconstruction, imagesOfDifferentScenesAreRefused) {

@@ -11,16 +11,14 @@ import time
 import unittest
 
 import numpy as np
-import rospkg
 import rospy
 import rostest
 import yaml
 from cortshift_msgs.srv import TriggerCapture
 from diagnostic_msgs.msg import DiagnosticArray
+from graph_programs import CONFIG, program, wait_until
 from sensor_msgs.msg import Image
 
-PACKAGE = rospkg.RosPack().get_path('cortshift_stereo')
-CONFIG = os.path.join(PACKAGE, '..', '..', 'config')
 ADDRESSES = ('127.0.0.1', '127.0.0.2')
 PERIOD = 0.1
 TOGETHER = 0.03  # s; the two exposures of one trigger; neighbours are PERIOD apart
@@ -37,22 +35,6 @@ distortion_coefficients: {{rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}}
 rectification_matrix: {{rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}}
 projection_matrix: {{rows: 3, cols: 4, data: [900, 0, 160, {tx}, 0, 900, 120, 0, 0, 0, 1, 0]}}
 """
-
-
-def wait_until(condition, seconds, what):
-    end = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > end:
-            raise AssertionError(f'{what} did not happen within {seconds} s')
-        time.sleep(0.02)
-
-
-def program(package, name):
-    for folder in os.environ['CMAKE_PREFIX_PATH'].split(':'):
-        path = os.path.join(folder, 'lib', package, name)
-        if os.path.exists(path):
-            return path
-    raise AssertionError(f'{name} is not built')
 
 
 def kill(process):

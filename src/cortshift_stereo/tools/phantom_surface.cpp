@@ -1,48 +1,74 @@
-// Writes the exact surface of a phantom stage as the left camera sees it: what a faultless reconstruction would give.
+// Writes the surface of a phantom stage as the left camera sees it: the exact one, or what stereo makes of the images.
 #include <cstdio>
 #include <cstring>
 #include <exception>
 #include <fstream>
-#include <limits>
+#include <memory>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
+#include "cortshift_stereo/point_transform.hpp"
+#include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
 
 namespace {
 
+using namespace cortshift_stereo_phantom;
+
 constexpr const char* kUsage =
-    "usage: phantom_surface CASE.yaml STAGE OUT.pcd\n"
+    "usage: phantom_surface CASE.yaml STAGE OUT.pcd [--reconstructed]\n"
     "Writes the exact surface behind every pixel of the rectified left image, with the image's noisy colour, as an "
     "organised\n"
-    "binary PCD: x y z [m] in pmr, rgb; NaN where nothing is seen.\n";
+    "binary PCD: x y z [m] in pmr, rgb; NaN where nothing is seen.\n"
+    "  --reconstructed   what stereo makes of the stage's pair of images, in place of the exact surface\n";
 
-void writeSurface(const std::string& case_path, const std::string& stage_name, const std::string& path) {
-  using namespace cortshift_stereo_phantom;
-  const PhantomScene scene(loadPhantomCase(case_path));
-  const int stage = scene.stageIndex(stage_name);
+struct ColouredPoints {
+  cv::Mat points_pmr;  ///< CV_32FC3 [m]
+  cv::Mat colour;      ///< CV_8UC3, BGR
+};
+
+ColouredPoints exact(const PhantomScene& scene, int stage) {
   const View view = scene.rectified(stage, Side::kLeft);
-  const ViewTruth truth = truthOf(scene, stage, view);
   const ImageSettings& image = scene.description().image;
-  const cv::Mat colour = Sensor(image.noise, image.noise_seed)
-                             .expose(Sensor::prepare(renderView(scene, stage, view, image.supersampling)),
-                                     static_cast<std::uint64_t>(stage), Side::kLeft);
+  ColouredPoints surface;
+  truthOf(scene, stage, view).points_pmr.convertTo(surface.points_pmr, CV_32F);
+  surface.colour = Sensor(image.noise, image.noise_seed)
+                       .expose(Sensor::prepare(renderView(scene, stage, view, image.supersampling)),
+                               static_cast<std::uint64_t>(stage), Side::kLeft);
+  return surface;
+}
+
+ColouredPoints reconstructed(const std::shared_ptr<const PhantomScene>& scene, int stage) {
+  const StereoImages images = PhantomPairs(scene).take(stage, 1);
+  const cortshift_stereo::Rectifier rectifier(scene->stereoHead().model);
+  const auto surface = cortshift_stereo::reconstruct(images.left, images.right, rectifier).surface_left;
+  return {cortshift_stereo::transformPoints(scene->view(stage, Side::kLeft).T_pmr_camera, surface.points),
+          surface.colour};
+}
+
+void writeSurface(const std::string& case_path, const std::string& stage_name, const std::string& path,
+                  bool from_images) {
+  const auto scene = std::make_shared<const PhantomScene>(loadPhantomCase(case_path));
+  const int stage = scene->stageIndex(stage_name);
+  const ColouredPoints surface = from_images ? reconstructed(scene, stage) : exact(*scene, stage);
+  const cv::Size size = surface.points_pmr.size();
   struct Point {
     float x, y, z;
     std::uint32_t rgb;
   };
   std::vector<Point> points;
-  points.reserve(static_cast<std::size_t>(view.size.area()));
-  for (int row = 0; row < view.size.height; ++row)
-    for (int column = 0; column < view.size.width; ++column) {
-      const cv::Vec3d& p = truth.points_pmr.at<cv::Vec3d>(row, column);
-      const cv::Vec3b& c = colour.at<cv::Vec3b>(row, column);
-      points.push_back({static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2]),
-                        static_cast<std::uint32_t>(c[2]) << 16 | static_cast<std::uint32_t>(c[1]) << 8 | c[0]});
+  points.reserve(static_cast<std::size_t>(size.area()));
+  for (int row = 0; row < size.height; ++row)
+    for (int column = 0; column < size.width; ++column) {
+      const cv::Vec3f& p = surface.points_pmr.at<cv::Vec3f>(row, column);
+      const cv::Vec3b& c = surface.colour.at<cv::Vec3b>(row, column);
+      points.push_back(
+          {p[0], p[1], p[2], static_cast<std::uint32_t>(c[2]) << 16 | static_cast<std::uint32_t>(c[1]) << 8 | c[0]});
     }
   std::ofstream file(path, std::ios::binary);
-  file << "VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH " << view.size.width
-       << "\nHEIGHT " << view.size.height << "\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " << points.size() << "\nDATA binary\n";
+  file << "VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH " << size.width
+       << "\nHEIGHT " << size.height << "\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " << points.size() << "\nDATA binary\n";
   file.write(reinterpret_cast<const char*>(points.data()), static_cast<std::streamsize>(points.size() * sizeof(Point)));
   file.close();
   if (!file) throw std::runtime_error("cannot write " + path + "; is the folder there, is the disk full?");
@@ -55,12 +81,13 @@ int main(int argc, char** argv) {
     std::fputs(kUsage, stdout);
     return 0;
   }
-  if (argc != 4) {
+  const bool from_images = argc == 5 && std::strcmp(argv[4], "--reconstructed") == 0;
+  if (argc != 4 && !from_images) {
     std::fputs(kUsage, stderr);
     return 2;
   }
   try {
-    writeSurface(argv[1], argv[2], argv[3]);
+    writeSurface(argv[1], argv[2], argv[3], from_images);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "phantom_surface: %s\n", error.what());
     return 1;

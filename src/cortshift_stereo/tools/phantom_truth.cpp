@@ -13,11 +13,14 @@ namespace {
 
 constexpr const char* kUsage =
     "usage: phantom_truth CASE.yaml FROM TO [--material] < POINTS.csv\n"
-    "Reads points x,y,z in pmr [m] near the surface of stage FROM, one a line, and prints for each: material coordinates\n"
-    "x_m,y_m, distance_m from that surface (positive outside), rim_m inwards from the rim of the craniotomy, and the true\n"
+    "Reads points x,y,z in pmr [m] near the surface of stage FROM, one a line, and prints for each: material "
+    "coordinates\n"
+    "x_m,y_m, distance_m from that surface (positive outside), rim_m inwards from the rim of the craniotomy, and the "
+    "true\n"
     "displacement dx_m,dy_m,dz_m to stage TO in pmr. nan where no surface is near. The head before any shift is "
     "`undeformed`.\n"
-    "  --material   reads material coordinates x,y [m] instead, and also prints the point's place px_m,py_m,pz_m at FROM\n"
+    "  --material   reads material coordinates x,y [m] instead, and also prints the point's place px_m,py_m,pz_m at "
+    "FROM\n"
     "               in pmr and column_px,row_px in the rectified left image there (nan for `undeformed`)\n";
 
 int stageOf(const cortshift_stereo_phantom::PhantomScene& scene, const std::string& name) {

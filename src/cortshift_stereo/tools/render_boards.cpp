@@ -4,7 +4,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
-#include "command_line.hpp"
+#include "cortshift_stereo/command_line.hpp"
 #include "cortshift_stereo_phantom/board_image.hpp"
 #include "cortshift_stereo_phantom/phantom_cameras.hpp"
 

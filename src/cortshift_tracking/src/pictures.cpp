@@ -150,7 +150,8 @@ cv::Mat colourMap(const DisplacementField& field, const cv::Mat& values, bool wi
   constexpr int kTicks = 4;
   for (int tick = 0; tick <= kTicks; ++tick) {
     char text[32];
-    std::snprintf(text, sizeof text, tick == kTicks ? "%.4g mm" : "%.4g", 1e3 * (begin + (end - begin) * tick / kTicks));
+    std::snprintf(text, sizeof text, tick == kTicks ? "%.4g mm" : "%.4g",
+                  1e3 * (begin + (end - begin) * tick / kTicks));
     const int x = left + width * tick / kTicks;
     cv::line(map, {x, top + height}, {x, top + height + 4}, kInk, 1);
     write(map, text, {x - 12, top + height + 24}, kInk);
@@ -202,12 +203,11 @@ cv::Mat normalMap(const DisplacementField& field, const Eigen::Vector3d& first_n
 }
 
 cv::Mat lateralMap(const DisplacementField& field, const Eigen::Vector3d& first_normal_pmr) {
-  return colourMap(field,
-                   valuesOf(field,
-                            [&](const Eigen::Vector3d& d) {
-                              return (d - d.dot(first_normal_pmr) * first_normal_pmr).norm();
-                            }),
-                   false, "lateral");
+  return colourMap(
+      field,
+      valuesOf(field,
+               [&](const Eigen::Vector3d& d) { return (d - d.dot(first_normal_pmr) * first_normal_pmr).norm(); }),
+      false, "lateral");
 }
 
 }  // namespace cortshift_tracking

@@ -17,6 +17,7 @@ using cortshift_flow::FlowResult;
 constexpr double kSettled = 0.5;             // probability from which a vector may guide others
 constexpr double kWorthARound = 0.02;        // part of the overlap that must be unsettled for another first look
 constexpr double kLeastGain = 0.0005;        // part of the overlap that a look must settle for another to follow
+constexpr double kCoarseDetail = 2;          // detail of first looks over that of the last
 constexpr double kRestSearch = 0.0015;       // what may be left of the motion after a look [m]
 constexpr double kSmoothing = 4;             // standard deviation, of a continued flow [px]
 constexpr double kQuickResolution = 0.0004;  // of the looks that choose the channels [m]
@@ -90,12 +91,10 @@ cv::Mat refined(const cv::Mat& flow, cv::Size size, int step) {
 FlowResult look(const Pair& pair, const cv::Mat& guess, bool search, const RegistrationSettings& settings) {
   cortshift_flow::FlowSettings flow = settings.flow;
   flow.curvature = 16 * pair.resolution * settings.bend;  // a second difference over 4 px [px]
+  const double side = pair.resolution * std::min(pair.first.cols, pair.first.rows);
+  flow.search_range = std::clamp((search ? settings.search : kRestSearch) / side, 0.01, 0.5);
   if (guess.empty())
     return cortshift_flow::computeFlow(pair.first, pair.second, pair.first_usable, pair.second_usable, flow);
-  if (!search) {
-    const double side = pair.resolution * std::min(pair.first.cols, pair.first.rows);
-    flow.search_range = std::clamp(kRestSearch / side, 0.01, flow.search_range);
-  }
   const cv::Mat map = flowTargets(guess);
   cv::Mat near, near_usable;
   cv::remap(pair.second, near, map, {}, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
@@ -121,6 +120,7 @@ void RegistrationSettings::validate() const {
     throw TrackingError("channels = '" + channels + "' is not allowed; allowed is auto, rgb, green, blue or luminance");
   requireRange("detail", detail, 0.5, 100.0);
   requireRange("bend", bend, 0.01, 1000.0);
+  requireRange("search", search, 0.001, 0.05);
   requireRange("coarse_resolution", coarse_resolution, 0.00005, 0.002);
   requireRange("coarse_rounds", coarse_rounds, 0, 10);
   flow.validate();
@@ -150,7 +150,9 @@ FlowResult registerProjections(const Projection& earlier, const Projection& late
   settings.validate();
   std::string channels = settings.channels == "auto" ? "rgb" : settings.channels;
   const auto pairAt = [&](int step) {
-    return pairOf(earlier, later, earlier_usable, later_usable, step, channels, settings.detail);
+    // What is nearly known can be followed by finer detail than what must be found first.
+    const double detail = step > 1 ? kCoarseDetail * settings.detail : settings.detail;
+    return pairOf(earlier, later, earlier_usable, later_usable, step, channels, detail);
   };
   const cv::Size size = earlier.mask.size();
   cv::Mat guess = prediction;
@@ -163,13 +165,13 @@ FlowResult registerProjections(const Projection& earlier, const Projection& late
     cv::Mat coarse;
     double part = 0;
     for (int round = 0; round < rounds; ++round) {
-      FlowResult result = look(pair, coarse, false, settings);
+      FlowResult result = look(pair, coarse, coarse.empty(), settings);
       cv::Mat settled = settledMask(pair, result);
       if (round == 0 && settings.channels == "auto" && partOf(settled, pair) < kFollowed) {
         channels = chooseChannels(earlier, later, earlier_usable, later_usable, settings);
         if (channels != "rgb") {
           pair = pairAt(step);
-          result = look(pair, coarse, false, settings);
+          result = look(pair, coarse, coarse.empty(), settings);
           settled = settledMask(pair, result);
         }
       }
@@ -180,7 +182,7 @@ FlowResult registerProjections(const Projection& earlier, const Projection& late
     }
     guess = refined(coarse, size, step);
   }
-  return look(pairAt(1), guess, !prediction.empty(), settings);
+  return look(pairAt(1), guess, rounds <= 0, settings);
 }
 
 }  // namespace cortshift_tracking

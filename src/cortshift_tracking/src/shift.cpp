@@ -47,6 +47,7 @@ Reference prepareReference(const cortshift_stereo::Surface& earlier_pmr, const S
   settings.validate();
   Stopwatch watch;
   Reference reference;
+  reference.points_pmr = earlier_pmr.points;
   reference.frame = fitProjectionFrame(earlier_pmr, settings.frame);
   reference.projection = project(earlier_pmr, reference.frame, settings.projection);
   reference.excluded = excludedMask(reference.frame, excluded);
@@ -57,7 +58,7 @@ Reference prepareReference(const cortshift_stereo::Surface& earlier_pmr, const S
 }
 
 ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surface& later_pmr,
-                         const Directions& directions, const ShiftSettings& settings) {
+                         const Directions& directions, const ShiftSettings& settings, const cv::Mat& prediction) {
   settings.validate();
   Stopwatch watch;
   ShiftResult result;
@@ -70,14 +71,19 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
     throw TrackingError("the two surfaces do not overlap in the projection; check the registration of both stages");
   const double projection_seconds = watch.lap();
 
-  const cortshift_flow::FlowResult registered =
-      registerProjections(result.earlier, result.later, earlier.usable, later_usable, settings.registration);
+  const cortshift_flow::FlowResult registered = registerProjections(result.earlier, result.later, earlier.usable,
+                                                                    later_usable, settings.registration, prediction);
   result.flow = registered.flow;
   const double flow_seconds = watch.lap();
 
   const cv::Mat confidence = combineConfidence(result.earlier, result.later, registered.flow, registered.confidence,
                                                earlier.usable, later_usable, settings.trust);
   result.field = invert(earlier.frame, result.earlier, result.later, registered.flow, confidence, settings.inversion);
+  if (settings.with_own_points) {
+    result.own_points_pmr = earlier.points_pmr;
+    result.own_displacements_pmr = displacementsOfPoints(earlier.frame, result.earlier, result.later, registered.flow,
+                                                         confidence, settings.inversion);
+  }
   if (settings.with_strain) {
     const Strain strain = surfaceStrain(result.field, settings.strain);
     result.field.strain_major = strain.major;

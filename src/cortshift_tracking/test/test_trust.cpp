@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <limits>
 #include <opencv2/imgproc.hpp>
 
 #include "cortshift_tracking/registration.hpp"
@@ -25,7 +27,7 @@ Projection textured(cv::Size size, std::uint64_t seed) {
 }
 
 TEST(ErodeBorder, TakesTheBorderFromTheOuterBoundary) {
-  const cv::Mat eroded = erodeBorder(fullMask(100, 80), 20);
+  const cv::Mat eroded = erodeBorder(fullMask(100, 80), 20, 0);
   EXPECT_EQ(cv::countNonZero(eroded), 60 * 40);
   EXPECT_EQ(eroded.at<uchar>(20, 20), 255);
   EXPECT_EQ(eroded.at<uchar>(19, 20), 0);
@@ -36,7 +38,7 @@ TEST(ErodeBorder, LargeHolesGrowAndSmallOnesDoNot) {
   cv::circle(mask, {80, 100}, 15, 0, cv::FILLED);  // 3 mm wide
   cv::circle(mask, {200, 100}, 7, 0, cv::FILLED);  // 1.4 mm wide
   cv::line(mask, {150, 40}, {150, 160}, 0, 3);     // long but narrow
-  const cv::Mat eroded = erodeBorder(mask, 20);
+  const cv::Mat eroded = erodeBorder(mask, 20, 20);
   EXPECT_EQ(eroded.at<uchar>(100, 80 + 30), 0);
   EXPECT_EQ(eroded.at<uchar>(100, 80 + 37), 255);
   EXPECT_EQ(eroded.at<uchar>(100, 200), 0);  // still a hole
@@ -45,10 +47,19 @@ TEST(ErodeBorder, LargeHolesGrowAndSmallOnesDoNot) {
   EXPECT_EQ(eroded.at<uchar>(100, 154), 255);
 }
 
+TEST(ErodeBorder, HolesWithinKeepTheirSizeUnlessAsked) {
+  cv::Mat mask = fullMask(300, 200);
+  cv::circle(mask, {80, 100}, 15, 0, cv::FILLED);
+  const cv::Mat eroded = erodeBorder(mask, 20, 0);
+  EXPECT_EQ(eroded.at<uchar>(100, 80), 0);
+  EXPECT_EQ(eroded.at<uchar>(100, 80 + 17), 255);
+  EXPECT_EQ(eroded.at<uchar>(100, 19), 0);
+}
+
 TEST(ErodeBorder, ABayOpenToTheOutsideGrows) {
   cv::Mat mask = fullMask(200, 200);
   cv::rectangle(mask, cv::Rect(95, 0, 10, 100), 0, cv::FILLED);
-  EXPECT_EQ(erodeBorder(mask, 20).at<uchar>(60, 115), 0);
+  EXPECT_EQ(erodeBorder(mask, 20, 0).at<uchar>(60, 115), 0);
 }
 
 TEST(UsableMask, DropsGlareWithItsMarginAndFolds) {
@@ -63,41 +74,48 @@ TEST(UsableMask, DropsGlareWithItsMarginAndFolds) {
   EXPECT_EQ(usable.at<uchar>(80, 80), 0);
 }
 
-TEST(MatchConfidence, FollowsTheCorrelationAndIgnoresGain) {
+TEST(Agreement, FollowsTheCorrelationAndIgnoresLight) {
   const Projection earlier = textured({160, 80}, 1);
-  Projection later = earlier;
-  later.colour = cv::Mat(0.8 * earlier.colour + cv::Scalar::all(0.05));        // a buffer of its own
-  textured({80, 80}, 2).colour.copyTo(later.colour(cv::Rect(80, 0, 80, 80)));  // right half: something else
-  cv::Mat bare_earlier = earlier.colour(cv::Rect(0, 0, 40, 80));               // left quarter: no texture
+  cv::Mat later = earlier.colour.clone();
+  textured({80, 80}, 2).colour.copyTo(later(cv::Rect(80, 0, 80, 80)));  // right half: something else
+  for (int row = 0; row < later.rows; ++row)
+    for (int column = 0; column < later.cols; ++column)
+      later.at<cv::Vec3f>(row, column) *= 0.5F + 0.005F * static_cast<float>(row);  // a shadow across
+  cv::Mat bare_earlier = earlier.colour(cv::Rect(0, 0, 40, 80));                    // left quarter: no texture
   bare_earlier.setTo(cv::Scalar::all(0.5));
   const cv::Mat flow = cv::Mat::zeros(80, 160, CV_32FC2), all = fullMask(160, 80);
-  const cv::Mat confidence = matchConfidence(earlier, later, flow, all, all);
-  EXPECT_LT(confidence.at<float>(40, 15), 0.1F);
-  EXPECT_GT(confidence.at<float>(40, 60), 0.9F);
-  EXPECT_LT(confidence.at<float>(40, 120), 0.3F);
+  const auto seen = [&](const cv::Mat& colour) { return flowImage(colour, all, "luminance", 3.5); };
+  const Agreement agreement = agreementOf(seen(earlier.colour), seen(later), all, all, flow, earlier.resolution);
+  EXPECT_LT(std::abs(agreement.correlation.at<float>(40, 15)), 0.3F);
+  EXPECT_GT(agreement.correlation.at<float>(40, 60), 0.65F);  // the fine part of this texture is near the noise
+  EXPECT_LT(std::abs(agreement.correlation.at<float>(40, 120)), 0.4F);
+  EXPECT_LT(agreement.residual.at<float>(40, 60), 0.3F * agreement.residual.at<float>(40, 120));
 }
 
-TEST(CombineConfidence, TheWeakestCueDecidesAtBothEnds) {
+TEST(ProbabilityOfMatch, FallsWithEveryDoubt) {
+  const double sound = probabilityOfMatch(5e-6, 0.95, 0.005);
+  EXPECT_GT(sound, 0.95);
+  EXPECT_LT(probabilityOfMatch(1e-4, 0.95, 0.005), sound);
+  EXPECT_LT(probabilityOfMatch(5e-6, 0.5, 0.005), sound);
+  EXPECT_LT(probabilityOfMatch(5e-6, 0.95, 0.05), sound);
+  EXPECT_LT(probabilityOfMatch(1e-4, 0.0, 0.08), 0.15);
+  EXPECT_EQ(probabilityOfMatch(std::numeric_limits<double>::infinity(), 0.9, 0.02), 0);
+}
+
+TEST(CombineConfidence, UnsureSurfacesAndTheBorderOfBothStagesLowerIt) {
   Projection earlier = textured({200, 200}, 1), later = earlier;
   later.colour = earlier.colour.clone();
-  earlier.confidence = cv::Mat(200, 200, CV_32FC1, cv::Scalar(0.8));
-  later.confidence = cv::Mat(200, 200, CV_32FC1, cv::Scalar(0.9));
-  later.confidence.at<float>(100, 110) = 0.4F;
-  const cv::Mat all = fullMask(200, 200), flow_confidence(200, 200, CV_32FC1, cv::Scalar(0.7));
+  later.confidence = earlier.confidence.clone();
+  later.confidence.at<float>(100, 110) = 0.125F;  // half of what makes a height sure
+  const cv::Mat all = fullMask(200, 200), flow_confidence(200, 200, CV_32FC1, cv::Scalar(0.99));
   cv::Mat flow = cv::Mat::zeros(200, 200, CV_32FC2);
-  TrustSettings settings;
-  settings.half_trust = 0.25 * earlier.resolution;  // the error at which the flow's own confidence is 0.5
-  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all, settings);
-  EXPECT_NEAR(confidence.at<float>(100, 100), 0.7, 1e-6);
-  EXPECT_NEAR(confidence.at<float>(100, 110), 0.4, 1e-6);
+  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
+  EXPECT_GT(confidence.at<float>(100, 100), 0.9F);
+  EXPECT_NEAR(confidence.at<float>(100, 110), 0.5 * confidence.at<float>(100, 100), 0.03);
   EXPECT_EQ(confidence.at<float>(10, 100), 0);      // 1 mm from the border
   flow.at<cv::Vec2f>(100, 100) = cv::Vec2f(85, 0);  // ends 1.5 mm from the border
-  confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all, settings);
+  confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
   EXPECT_EQ(confidence.at<float>(100, 100), 0);
-  // Four times the tolerance in space: a quarter of the ratio.
-  settings.half_trust = earlier.resolution;
-  confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all, settings);
-  EXPECT_NEAR(confidence.at<float>(90, 100), std::min(0.8, 1 / (1 + (1 / 0.7 - 1) / 16)), 1e-6);
 }
 
 TEST(Overlap, IsAPartOfTheEarlierArea) {

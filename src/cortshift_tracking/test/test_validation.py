@@ -105,7 +105,7 @@ def test_tables_hold_units_and_every_pair(exact):
 
 
 def test_border_that_moves_is_measured(exact):
-    median, high, count = immobile_misalignment(exact.field(NAMES[0], NAMES[2]))
+    median, high, common, count = immobile_misalignment(exact.field(NAMES[0], NAMES[2]))
     x = np.linspace(0.022, 0.026, 50)
     expected = np.linalg.norm(synthetic.displacement_patch(1.0, x, 0 * x), axis=-1)
     assert expected.min() < median < expected.max() and high > median and count > 1000

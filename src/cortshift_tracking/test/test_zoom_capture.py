@@ -1,11 +1,14 @@
 #!/usr/bin/python3
 """Captures under a zoom lens: stages at different settings compare, refusals quote the calibrated range, and a stage
 may be the mean of several pairs."""
+import os
+import sys
 import unittest
 
 import rospy
 import rostest
 from cortshift_msgs.srv import CaptureMeanStage, SetPhantomStage
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from graph import ShiftTracker
 
 

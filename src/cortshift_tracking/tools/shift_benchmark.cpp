@@ -162,8 +162,9 @@ void run(const std::string& case_path, const Options& options) {
     }
   if (consecutive.size() > 1 && !options.from_first) {
     const Closure closure = closureOf(consecutive, direct);
-    std::printf("\n%s: closure of the consecutive shifts against first → last: median %.4f mm, 95 %% %.4f mm, %zu points\n\n",
-                scene->description().name.c_str(), 1e3 * closure.median, 1e3 * closure.p95, closure.points);
+    std::printf(
+        "\n%s: closure of the consecutive shifts against first → last: median %.4f mm, 95 %% %.4f mm, %zu points\n\n",
+        scene->description().name.c_str(), 1e3 * closure.median, 1e3 * closure.p95, closure.points);
   }
 }
 
@@ -174,7 +175,8 @@ void runAll(const Options& options) {
   for (const std::string& case_path : options.case_paths) run(case_path, options);
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
-  std::printf("\npeak memory %.0f MB, all stages and the phantom included\n", static_cast<double>(usage.ru_maxrss) / 1024);
+  std::printf("\npeak memory %.0f MB, all stages and the phantom included\n",
+              static_cast<double>(usage.ru_maxrss) / 1024);
 }
 
 }  // namespace

@@ -35,7 +35,7 @@ class FrameCollector {
   /// Waits until `count` frames of one view have come.
   /// @param since_ns  frames of earlier stamps do not count
   /// @param patience  longest wait for the next frame
-  /// @throws CollectionError
+  /// @throws CollectionError, std::invalid_argument for a count that is not 2 ... kMostFrames
   Gathered await(std::size_t count, std::int64_t since_ns, std::chrono::duration<double> patience);
 
   void offer(const PosedFrame& frame);

@@ -26,7 +26,7 @@ struct PairLimits {
   double max_saturated_share = 0.25;   ///< [0...1] of the pixels
   double min_sharpness = 0.18;         ///< see ImageQuality
   double max_epipolar_residual = 1.0;  ///< [px]
-  double min_coverage = 0.25;          ///< [0...1] of the rectified left image with a valid point
+  double min_coverage = 0.25;          ///< [0...1] of what the camera shows of the rectified left image, with a point
 };
 
 /// What one image looks like.

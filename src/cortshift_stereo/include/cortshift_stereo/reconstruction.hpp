@@ -25,7 +25,7 @@ struct ReconstructionSettings {
 /// How well a pair could be reconstructed.
 struct ReconstructionQuality {
   SearchRange search_range;  ///< [px] disparities that were searched
-  double coverage = 0;       ///< [0...1] share of the rectified left image with a valid point
+  double coverage = 0;       ///< [0...1] share with a point of what the camera shows of the rectified left image
   EpipolarResidual epipolar;
   ImageQuality left;
   ImageQuality right;

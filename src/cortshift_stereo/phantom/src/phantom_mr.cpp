@@ -22,7 +22,8 @@ constexpr double kCorticalThickness = 0.0028;  // of grey matter on the crowns [
 constexpr double kSulcalDepth = 0.0090;        // how much deeper white matter begins under a sulcus [m]
 constexpr double kClosing = 0.018;             // outside the rim the dome passes into a ball over this width [m]
 constexpr double kTableStep = 0.0001;          // of the tables over the brain's plane [m]
-constexpr double kSmallest = 0.0004, kLargest = 0.002;  // voxel [m]
+constexpr double kSmallest = 0.0004, kLargest = 0.002;      // voxel [m]
+constexpr double kSmallestSide = 0.02, kLargestSide = 0.3;  // of the volume [m]
 
 /// The undeformed cortex over the brain's plane, tabulated: closed forms cost too much for millions of samples.
 class Cortex {
@@ -132,6 +133,9 @@ void MrSettings::validate() const {
     out << "voxel = " << voxel << " m is not allowed; allowed is " << kSmallest << " ... " << kLargest;
   else if (supersampling < 1 || supersampling > 8)
     out << "supersampling = " << supersampling << " is not allowed; allowed is 1 ... 8";
+  else if (!(side == 0 || (side >= kSmallestSide && side <= kLargestSide)))
+    out << "side = " << side << " m is not allowed; allowed is 0 (the whole head) and " << kSmallestSide << " ... "
+        << kLargestSide;
   else if (!(noise >= 0 && noise <= 50))
     out << "noise = " << noise << " is not allowed; allowed is 0 ... 50";
   if (!out.str().empty()) throw PhantomCaseError(out.str());
@@ -142,8 +146,9 @@ MrVolume makeMr(const PhantomScene& scene, const MrSettings& settings) {
   const Cortex cortex(scene);
   const Eigen::Isometry3d& T_pmr_brain = scene.description().T_pmr_brain;
   const double ball = scene.description().head.dome_radius;
-  const Eigen::Vector3d centre = T_pmr_brain * Eigen::Vector3d(0, 0, -ball);
-  const double reach = ball + kScalpTop + 0.004;
+  const bool whole = settings.side == 0;
+  const Eigen::Vector3d centre = T_pmr_brain * Eigen::Vector3d(0, 0, whole ? -ball : 0);
+  const double reach = whole ? ball + kScalpTop + 0.004 : settings.side / 2;
   const int n = static_cast<int>(std::ceil(2 * reach / settings.voxel));
 
   MrVolume volume;

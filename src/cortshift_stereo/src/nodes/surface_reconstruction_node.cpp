@@ -1,10 +1,12 @@
 // Stereo pairs to textured surfaces in pMR space. See SurfaceReconstruction for parameters and topics.
 #include <ros/ros.h>
 
+#include "cortshift_stereo/heap.hpp"
 #include "cortshift_stereo/ros/parameter_reader.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction.hpp"
 
 int main(int argc, char** argv) {
+  cortshift_stereo::keepFreedMemory();
   ros::init(argc, argv, "surface_reconstruction");
   const ros::NodeHandle node;  // outlives the try block: without any handle ROS, and with it the log, is shut down
   try {

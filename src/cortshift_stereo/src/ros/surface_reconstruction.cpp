@@ -188,13 +188,16 @@ bool SurfaceReconstruction::averagePairs(cortshift_msgs::AveragePairs::Request& 
     if (gathered.offered > gathered.frames.size())
       response.message += "; " + std::to_string(gathered.offered - gathered.frames.size()) +
                           " more were left out, as the microscope or its setting had moved";
+  } catch (const std::invalid_argument& error) {
+    response.success = false;
+    response.message = error.what();
   } catch (const CollectionError& error) {
     response.success = false;
     response.message = error.what();
     const std::lock_guard<std::mutex> lock(status_mutex_);
     if (last_pair_dropped_) response.message += "; the last pair was dropped: " + last_drop_->why.message;
-    ROS_WARN_STREAM("average_pairs refused: " << response.message);
   }
+  if (!response.success) ROS_WARN_STREAM("average_pairs refused: " << response.message);
   return true;
 }
 

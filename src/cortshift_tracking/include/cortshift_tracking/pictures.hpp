@@ -25,8 +25,8 @@ cv::Mat lateralMap(const DisplacementField& field, const Eigen::Vector3d& first_
 /// Colour (blue green red) of a value out of [0, 1] on the scale of magnitudeMap.
 cv::Vec3b scaleColour(double value);
 
-/// Upper end of a colour scale over the field's magnitudes [m]: their 99th percentile, rounded up to 1, 1.5, 2, 3, 4, 5,
-/// 6, 8 or 10 times a power of ten, and not less than 0.1 mm.
+/// Upper end of a colour scale over the field's magnitudes [m]: their 99th percentile, rounded up to 1, 1.5, 2, 3, 4,
+/// 5, 6, 8 or 10 times a power of ten, and not less than 0.1 mm.
 double scaleEnd(const DisplacementField& field);
 
 }  // namespace cortshift_tracking

@@ -24,7 +24,8 @@ struct ShiftSettings {
   RegistrationSettings registration;
   TrustSettings trust;
   InversionSettings inversion;
-  bool with_strain = false;  ///< fills the field's strains
+  bool with_own_points = false;  ///< fills the result's own points
+  bool with_strain = false;      ///< fills the field's strains
   StrainSettings strain;
 
   /// @throws TrackingError naming the setting, its value and the allowed range.
@@ -44,10 +45,14 @@ struct ShiftResult {
   Projection earlier;
   Projection later;
   cv::Mat flow;  ///< CV_32FC2 [grid units]
+
+  /// The earlier surface's own points and their displacements, see displacementsOfPoints; empty if not asked for.
+  cv::Mat own_points_pmr, own_displacements_pmr;  ///< CV_32FC3 [m], NaN where there is none
 };
 
 /// The earlier surface made ready; serves for any number of later ones.
 struct Reference {
+  cv::Mat points_pmr;  ///< CV_32FC3 of the surface [m]
   ProjectionFrame frame;
   Projection projection;
   cv::Mat usable;    ///< CV_8UC1, see usableMask; without the excluded regions
@@ -61,9 +66,11 @@ Reference prepareReference(const cortshift_stereo::Surface& earlier_pmr, const S
                            const std::vector<Region>& excluded = {});
 
 /// Displacement field from a prepared earlier surface to a later one. `projection_seconds` counts the later one only.
+/// @param prediction of the flow, for instance from the moment before (see predictionOf), or empty
 /// @throws TrackingError if the later surface is unusable, the two do not overlap or no vector can be trusted
 ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surface& later_pmr,
-                         const Directions& directions, const ShiftSettings& settings = {});
+                         const Directions& directions, const ShiftSettings& settings = {},
+                         const cv::Mat& prediction = {});
 
 /// Displacement field from the earlier to the later surface.
 /// @throws TrackingError as the two above

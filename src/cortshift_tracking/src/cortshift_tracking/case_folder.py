@@ -64,7 +64,7 @@ def read_case(folder):
     """Read a case. Raises CaseError where there is no such folder, or it holds no stage."""
     if not os.path.isdir(folder):
         raise CaseError(f'{folder}: no such folder; give the folder of a case')
-    stages, fields, unread, infos = [], [], [], {}
+    stages, fields, unread, infos = [], {}, [], {}
     for path in _paths(folder, '.bag'):
         try:
             with rosbag.Bag(path) as bag:
@@ -72,7 +72,8 @@ def read_case(folder):
                 if '/stage/info' in topics and '/surface/points' in topics:
                     stages.append(_read_stage(bag, path, infos))
                 elif '/shift/field' in topics:
-                    fields += [field_from_message(message) for _, message, _ in bag.read_messages('/shift/field')]
+                    for _, message, _ in bag.read_messages('/shift/field'):  # a recording may hold a pair twice
+                        fields[message.from_key, message.to_key] = field_from_message(message)
         except (rosbag.ROSBagException, CaseError, OSError, ValueError, KeyError) as error:
             unread.append(f'{os.path.basename(path)}: {error}')
     if not stages:
@@ -81,7 +82,7 @@ def read_case(folder):
     stages.sort(key=lambda stage: stage.stamp)
     order = {stage.key: n for n, stage in enumerate(stages)}
     order.setdefault('pmr', -1)
-    fields.sort(key=lambda f: (order.get(f.to_key, 99) - order.get(f.from_key, 99), order.get(f.from_key, 99)))
+    fields = sorted(fields.values(), key=lambda f: (order.get(f.to_key, 99) - order.get(f.from_key, 99), order.get(f.from_key, 99)))
     point_folders = {os.path.dirname(path) for path in _paths(folder, FILE_NAME)}
     points = [point for place in sorted(point_folders) for point in read_points(place)]
     return Case(folder, stages, fields, points, infos, _read_calibrations(folder, unread), unread)
@@ -116,13 +117,15 @@ def immobile_misalignment(field, border=0.004):
     """Displacement of features that should not move, around the craniotomy: the paper's own quality check (section 3.2).
 
     The outermost valid points of the field, `border` [m] wide, are taken for the rim.
-    Returns (median, 95th percentile) of |d| there [m], and the number of points; NaN where there is none.
+    Returns of the displacement there: median and 95th percentile of its length, length of its median vector (a misalignment
+    of the tool tracking moves all of it alike) [m], and the number of points; NaN where there is none.
     """
     valid = field.valid
     filled = ndimage.binary_fill_holes(valid)
     distance = ndimage.distance_transform_edt(np.pad(filled, 1))[1:-1, 1:-1] * field.resolution
     rim = valid & (distance <= border)
     if not rim.any():
-        return float('nan'), float('nan'), 0
+        return float('nan'), float('nan'), float('nan'), 0
     magnitude = np.linalg.norm(field.displacement[rim], axis=-1)
-    return float(np.median(magnitude)), float(np.percentile(magnitude, 95)), int(rim.sum())
+    common = np.linalg.norm(np.median(field.displacement[rim], axis=0))
+    return float(np.median(magnitude)), float(np.percentile(magnitude, 95)), float(common), int(rim.sum())

@@ -10,8 +10,11 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2, PointField
 
 
-def summarise(field, gravity_pmr=None):
-    """ShiftSummary of a field against its own plane's normal (section 2.7.2). gravity_pmr: unit vector or None."""
+def summarise(field, overlap, seconds, gravity_pmr=None):
+    """ShiftSummary of a field against its own plane's normal (section 2.7.2).
+
+    overlap: share of the earlier surface that the later one covers (0-1). seconds: it took. gravity_pmr: unit vector or None.
+    """
     valid = field.displacement[field.valid]
     normal = valid @ field.normal_pmr
     parts = {'magnitude': np.linalg.norm(valid, axis=1), 'normal': normal,
@@ -21,14 +24,14 @@ def summarise(field, gravity_pmr=None):
     for name, part in parts.items():
         values[f'{name}_mean'], values[f'{name}_sd'] = float(part.mean()), float(part.std(ddof=1))
     angle = float('nan') if gravity_pmr is None else float(np.arccos(np.clip(field.normal_pmr @ gravity_pmr, -1, 1)))
-    return ShiftSummary(from_key=field.from_key, to_key=field.to_key, valid_points=len(valid), overlap=float(field.valid.mean()),
-                        gravity_normal_angle=angle, compute_time=float('nan'), **values)
+    return ShiftSummary(from_key=field.from_key, to_key=field.to_key, valid_points=len(valid), overlap=overlap,
+                        gravity_normal_angle=angle, compute_time=seconds, **values)
 
 
-def to_message(field, gravity_pmr=None):
+def to_message(field, summary):
     message = DisplacementField(from_key=field.from_key, to_key=field.to_key, from_stamp=rospy.Time.from_sec(field.from_stamp),
                                 to_stamp=rospy.Time.from_sec(field.to_stamp), resolution=field.resolution,
-                                summary=summarise(field, gravity_pmr))
+                                summary=summary)
     message.header.frame_id, message.header.stamp = 'pmr', message.to_stamp
     T = field.T_pmr_projection
     message.projection = Pose()
@@ -49,9 +52,9 @@ def to_message(field, gravity_pmr=None):
     return message
 
 
-def write_field(path, field, gravity_pmr=None):
-    """Write the bag; nothing is left behind where that fails. Returns the summary. Raises OSError."""
-    message = to_message(field, gravity_pmr)
+def write_field(path, field, summary):
+    """Write the bag; nothing is left behind where that fails. Raises OSError."""
+    message = to_message(field, summary)
     partial = path + '.part'
     try:
         with rosbag.Bag(partial, 'w', compression='lz4') as bag:
@@ -60,4 +63,3 @@ def write_field(path, field, gravity_pmr=None):
     finally:
         if os.path.exists(partial):
             os.unlink(partial)
-    return message.summary

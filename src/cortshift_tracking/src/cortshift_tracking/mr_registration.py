@@ -48,6 +48,7 @@ class MrRegistrationSettings:
 def register_to_mr(stage, volume, brain_mask=None, settings=MrRegistrationSettings(), cortex_settings=CortexSettings()):
     """Displacement field from the MR's cortex (key "pmr") to a stage's surface, as a Field with summary None.
 
+    The second result is the share of the MR's cortex, as far as it was extracted, that the stage shows (0-1).
     Raises VolumeError or RegistrationError saying why not.
     """
     cortex = extract_cortex(volume, stage.points, brain_mask, cortex_settings)
@@ -71,7 +72,8 @@ def register_to_mr(stage, volume, brain_mask=None, settings=MrRegistrationSettin
     forward, backward = _flow(first, second, settings), _flow(second, first, settings)
     confidence = _confidence(first, second, forward, backward, np.isfinite(from_mr[..., 0]), np.isfinite(from_stage[..., 0]),
                              settings)
-    return _field(stage, frame, low, from_mr, from_stage, forward, confidence, settings)
+    overlap = both.sum() / np.isfinite(from_mr[..., 0]).sum()
+    return _field(stage, frame, low, from_mr, from_stage, forward, confidence, settings), float(overlap)
 
 
 def _project(local, low, step, size, values, spacing):

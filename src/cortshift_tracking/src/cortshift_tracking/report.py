@@ -28,11 +28,12 @@ body { font: 15px/1.45 "DejaVu Sans", Arial, sans-serif; color: #1c1c1c; max-wid
 h1 { font-size: 26px; margin-bottom: 4px; } h2 { font-size: 20px; border-bottom: 1px solid #bbb; margin-top: 34px; }
 h3 { font-size: 16px; } img { max-width: 100%; display: block; }
 table { border-collapse: collapse; margin: 10px 0; font-size: 13px; } td, th { border: 1px solid #c9c9c9; padding: 4px 8px; }
-th { background: #f1f1f1; text-align: left; } td.n { text-align: right; white-space: nowrap; }
+tr { page-break-inside: avoid; } th { background: #f1f1f1; text-align: left; } td.n { text-align: right; white-space: nowrap; }
 .warning { background: #fff4d6; border-left: 5px solid #d89b00; padding: 8px 14px; margin: 12px 0; }
-.small { color: #555; font-size: 13px; } figure { margin: 12px 0; page-break-inside: avoid; }
+.small { color: #555; font-size: 13px; } figure { margin: 12px 0; page-break-inside: avoid; } figcaption { font-weight: bold; font-size: 16px; margin: 14px 0 6px; }
 @page { size: A4; margin: 12mm; } @media print { body { max-width: none; margin: 0; font-size: 11px; } table { font-size: 8.5px; }
- td, th { padding: 2px 3px; } h2 { page-break-after: avoid; } }
+ table, h1, h2 { page-break-inside: avoid; } td, th { padding: 2px 3px; } h2, h3 { page-break-after: avoid; }
+ h2.pair { page-break-before: always; } img { max-height: 118mm; margin: 0 auto; } figcaption { font-size: 12px; } }
 '''
 
 
@@ -62,7 +63,8 @@ def make_report(folder, mr=None, axes='RAS', title=None):
     sections = [_head(case, title or os.path.basename(os.path.abspath(folder))), _warning_box(warnings), _calibration(case),
                 _timeline(case), _table('Displacement between stages (Table 3 of the paper)', TABLE_3_HEADER, third,
                                         'Mean and standard deviation over all trusted points. Gravity: positive with it. Normal: of '
-                                        'the first stage, positive bulging. Empty: not known.')]
+                                        'the first stage, positive bulging. The points include what lies around the craniotomy. Empty: not '
+                                        'known.')]
     if second:
         sections.append(_table('Probe against surface and field (Table 2 of the paper)', TABLE_2_HEADER, second,
                                'Accuracy: digitised point to its homologous point on the surface (needs picks.csv). Distance: to '
@@ -91,8 +93,9 @@ def _text(value):
     return html.escape(str(value))
 
 
-def _picture(figure, description):
-    return f'<figure><img src="{figures.to_data_uri(figure)}" alt="{_text(description)}"></figure>'
+def _picture(figure, description, caption=''):
+    above = f'<figcaption>{_text(caption)}</figcaption>' if caption else ''
+    return f'<figure>{above}<img src="{figures.to_data_uri(figure)}" alt="{_text(description)}"></figure>'
 
 
 def _head(case, title):
@@ -118,11 +121,13 @@ def _warnings(case):
         shown = field.valid.mean()
         if shown < 0.3:
             found.append(f'{name}: only {shown:.0%} of the plane carries a trusted vector')
-        median, high, count = immobile_misalignment(field)
+        if field.from_key == 'pmr':  # its border lies on the brain
+            continue
+        median, high, common, count = immobile_misalignment(field)
         if median > RIM_WARNING:
             found.append(f'{name}: the border of the field, where immobile features are expected, moves by {median * 1000:.2f} mm '
-                         f'(median of {count} points, 95th percentile {high * 1000:.2f} mm): check tool tracking and patient '
-                         'registration, or whether the border lies on the brain')
+                         f'(median of {count} points, 95th percentile {high * 1000:.2f} mm, in common {common * 1000:.2f} mm): check '
+                         'tool tracking and patient registration, or whether the border lies on the brain')
     if case.fields and case.gravity_pmr is None and not any(math.isfinite(f.summary.gravity_mean) for f in case.fields):
         found.append('gravity is not known: digitise two positions with the probe')
     return found
@@ -173,41 +178,64 @@ def _timeline(case):
             f'<th>probe points</th><th>note</th></tr>{rows}</table>')
 
 
-def _cell(value):
-    if isinstance(value, str):
-        return f'<td>{_text(value)}</td>'
+def _number(value):
     if isinstance(value, (float, np.floating)):
-        return '<td class="n"></td>' if not math.isfinite(value) else f'<td class="n">{value:.2f}</td>'
-    return f'<td class="n">{value}</td>'
+        return f'{value:.2f}' if math.isfinite(value) else ''
+    return str(value)
+
+
+def _cells(header, row):
+    """(name, text, whether it is a number) for each column; NAME_mean_mm and NAME_sd_mm become one."""
+    cells = []
+    for name, value in zip(header, row):
+        if name.endswith('_sd_mm') and cells and name[:-6] == cells[-1][0]:
+            if _number(value):
+                cells[-1] = (*cells[-1][:1], f'{cells[-1][1]} \u00b1 {_number(value)}', True)
+        else:
+            cells.append((name[:-8] if name.endswith('_mean_mm') else name, _number(value), not isinstance(value, str)))
+    return cells
 
 
 def _table(title, header, rows, note, transpose=False):
-    names = [_text(name.replace('_', ' ')) for name in header]
+    """Rows as a table; transposed, a row becomes a column."""
+    titles = [('pair; lengths in mm' if name == 'pair' else name.replace('_', ' ')) for name, _, _ in _cells(header, [0.0] * len(header))]
+    columns = [[(text, number) for _, text, number in _cells(header, row)] for row in rows]
+
+    def cell(text, number):
+        return f'<td{" class=n" if number else ""}>{_text(text)}</td>'
     if transpose:
-        body = ''.join(f'<tr><th>{name}</th>{"".join(_cell(row[n]) for row in rows)}</tr>' for n, name in enumerate(names))
+        body = ''.join(f'<tr><th>{_text(name)}</th>{"".join(cell(*column[n]) for column in columns)}</tr>'
+                       for n, name in enumerate(titles))
     else:
-        body = f'<tr>{"".join(f"<th>{name}</th>" for name in names)}</tr>' + ''.join(
-            f'<tr>{"".join(map(_cell, row))}</tr>' for row in rows)
+        body = f'<tr>{"".join(f"<th>{_text(name)}</th>" for name in titles)}</tr>' + ''.join(
+            f'<tr>{"".join(cell(*c) for c in column)}</tr>' for column in columns)
     return f'<h2>{_text(title)}</h2><table>{body}</table><p class="small">{_text(note)}</p>'
 
 
 def _pair(case, field):
     keys = {stage.key for stage in case.stages}
-    name = f'{field.from_key} → {field.to_key}'
+    name = f'{field.from_key} \u2192 {field.to_key}'
+    heading = f'<h2 class="pair">{_text(name)}</h2>'
     if not field.valid.any():
-        return f'<h2>{_text(name)}</h2><p>No vector can be trusted.</p>'
-    gravity = case.gravity_pmr
-    parts = [f'<h2>{_text(name)}</h2>']
-    if field.from_key in keys and field.to_key in keys:
-        overlay = figures.overlay_figure(case.stage(field.from_key), case.stage(field.to_key), field)
-        parts.append('<h3>Overlay: red earlier, green later, yellow where they agree</h3>' + _picture(overlay, f'overlays of {name}'))
-    first_normal = case.fields[0].normal_pmr
-    parts.append('<h3>Displacement</h3>' + _picture(figures.component_figure(field, gravity, first_normal), f'maps of {name}'))
-    parts.append('<h3>Vectors</h3>' + _picture(figures.vector_figure(field), f'vectors of {name}'))
-    parts.append('<h3>Confidence and strain</h3>' + _picture(figures.trust_figure(field), f'confidence and strain of {name}'))
-    median, high, count = immobile_misalignment(field)
-    parts.append(f'<p class="small">Border of the field (4 mm wide, {count} points), where immobile features are expected: median '
-                 f'{median * 1000:.2f} mm, 95th percentile {high * 1000:.2f} mm.</p>')
+        return f'{heading}<p>No vector can be trusted.</p>'
+    parts = [heading]
+    from_mr = field.from_key == 'pmr'
+    if field.to_key in keys and (from_mr or field.from_key in keys):
+        first = figures.mr_vessels(field) if from_mr else figures.project_colour(case.stage(field.from_key), field)
+        about = 'the MR (vessels drawn dark)' if from_mr else 'earlier'
+        parts.append(_picture(figures.overlay_figure(first, case.stage(field.to_key), field), f'overlays of {name}',
+                              f'Overlay: red {about}, green later, yellow where they agree'))
+    maps = figures.component_figure(field, case.gravity_pmr, case.fields[0].normal_pmr)
+    parts.append(_picture(maps, f'maps of {name}', 'Displacement'))
+    parts.append(_picture(figures.vector_figure(field), f'vectors of {name}', 'Vectors on the earlier surface'))
+    if from_mr:  # vessels tell where the brain went, but too coarsely for its strain
+        parts.append(_picture(figures.confidence_figure(field), f'confidence of {name}', 'Confidence'))
+        return '\n'.join(parts)
+    parts.append(_picture(figures.trust_figure(field), f'confidence and strain of {name}', 'Confidence and strain'))
+    median, high, common, count = immobile_misalignment(field)
+    parts.append(f'<p class="small">Alignment of what should not move: the border of the field (4 mm wide, {count} points) moves by '
+                 f'{median * 1000:.2f} mm in the median, 95th percentile {high * 1000:.2f} mm; all of it in common by '
+                 f'{common * 1000:.2f} mm, as an error of the tool tracking would do.</p>')
     return '\n'.join(parts)
 
 

@@ -18,14 +18,14 @@ OVERLAY_STEP = 0.0002  # grid of the overlays [m]
 
 def to_data_uri(figure):
     out = io.BytesIO()
-    figure.savefig(out, format='png', dpi=DPI)
+    figure.savefig(out, format='png', dpi=DPI, bbox_inches='tight', pad_inches=0.08)
     return 'data:image/png;base64,' + base64.b64encode(out.getvalue()).decode()
 
 
 def _figure(rows, columns, height_px):
     figure = Figure(figsize=(WIDTH_PX / DPI, height_px / DPI), dpi=DPI, facecolor='white')
     panels = figure.subplots(rows, columns, squeeze=False)
-    figure.subplots_adjust(left=0.055, right=0.95, top=0.95, bottom=0.08, wspace=0.2, hspace=0.25)
+    figure.subplots_adjust(left=0.055, right=0.95, top=0.95, bottom=0.08, wspace=0.3, hspace=0.25)
     return figure, panels
 
 
@@ -69,9 +69,18 @@ def project_colour(stage, field, step=OVERLAY_STEP):
         return np.where(weight > 0.02, value / weight, np.nan)
 
 
-def overlay_figure(earlier, later, field):
-    """Red: earlier, green: later; before and after the later one is brought back by the field (paper Fig. 8)."""
-    first, second = project_colour(earlier, field), project_colour(later, field)
+def mr_vessels(field):
+    """Intensity (H, W) 0-1 of the MR over the field's plane at OVERLAY_STEP, vessels dark like in a photograph."""
+    size = [int(np.ceil(n * field.resolution / OVERLAY_STEP)) for n in field.confidence.shape]
+    return 1 - cv2.resize(field.colour[..., 0], tuple(size[::-1]), interpolation=cv2.INTER_AREA).astype(np.float32) / 255
+
+
+def overlay_figure(first, later, field):
+    """Red: earlier, green: later; before and after the later one is brought back by the field (paper Fig. 8).
+
+    first: luminance (H, W) 0-1 of the earlier surface over the field's plane at OVERLAY_STEP. later: the later stage.
+    """
+    second = project_colour(later, field)
     height, width = first.shape
     plane = field.displacement @ field.T_pmr_projection[:3, :2] / OVERLAY_STEP
     plane = np.stack([cv2.resize(plane[..., n].astype(np.float32), (width, height), interpolation=cv2.INTER_NEAREST)
@@ -80,10 +89,12 @@ def overlay_figure(earlier, later, field):
     known = np.isfinite(plane).all(-1)
     moved = cv2.remap(np.nan_to_num(second), np.where(known, column + plane[..., 0], -10).astype(np.float32),
                       np.where(known, row + plane[..., 1], -10).astype(np.float32), cv2.INTER_LINEAR, borderValue=0)
-    limits = np.nanpercentile(first, (1, 99))
+    # One stretch for both, so that a change of the light stays visible; MR and photograph have no light in common.
+    shared = first if field.from_key != 'pmr' else None
 
     def stretch(image):
-        return np.clip((np.nan_to_num(image) - limits[0]) / max(limits[1] - limits[0], 1e-3), 0, 1)
+        low, high = np.nanpercentile(image if shared is None else shared, (1, 99))
+        return np.clip((np.nan_to_num(image) - low) / max(high - low, 1e-3), 0, 1)
     figure, panels = _figure(1, 2, 500)
     before = np.stack([stretch(first), stretch(second), np.zeros_like(first)], -1)
     after = np.stack([stretch(first), stretch(moved), np.zeros_like(first)], -1)
@@ -141,13 +152,23 @@ def strain_of(field, smoothing=SMOOTHING):
     return tuple(np.where(hidden, np.nan, e) for e in (mean + radius, mean - radius))
 
 
+def _confidence(figure, panel, field):
+    _map(figure, panel, field, np.where(field.valid, field.confidence, np.nan), 'confidence', 'cividis', 0, 1, '0-1', 1)
+
+
+def confidence_figure(field):
+    figure, panels = _figure(1, 1, 450)
+    _confidence(figure, panels[0, 0], field)
+    return figure
+
+
 def trust_figure(field):
     """Confidence, and the principal in-plane strains."""
     strain = (field.strain_major, field.strain_minor) if field.strain_major is not None else strain_of(field)
     top = max(1.0, float(np.ceil(100 * np.nanpercentile(np.abs(np.stack(strain)), 98)))) if any(
         np.isfinite(s).any() for s in strain) else 1.0
     figure, panels = _figure(1, 3, 390)
-    _map(figure, panels[0, 0], field, np.where(field.valid, field.confidence, np.nan), 'confidence', 'cividis', 0, 1, '', 1)
+    _confidence(figure, panels[0, 0], field)
     _map(figure, panels[0, 1], field, strain[0], 'major principal strain', 'RdBu_r', -top, top, '%', 100)
     _map(figure, panels[0, 2], field, strain[1], 'minor principal strain', 'RdBu_r', -top, top, '%', 100)
     figure.subplots_adjust(bottom=0.12, top=0.92, wspace=0.35)
@@ -189,7 +210,7 @@ def vector_figure(field, arrows=24, elevation=0.6, azimuth=-0.5):
         tip = corner + 10 * screen[:, n]
         panel.annotate('', tip, corner, arrowprops={'arrowstyle': '->', 'color': '#333333', 'lw': 1.4})
         panel.text(*(corner + 11.5 * screen[:, n]), name, fontsize=9, ha='center', va='center')
-    panel.text(*(corner - [0, 3.0]), 'axes: 10 mm', fontsize=9, ha='left')
+    panel.text(*(corner - [0, 4.5]), 'axes: 10 mm', fontsize=9, ha='left')
     panel.set_xlim(corner[0] - 6, high[0] + 3)
     panel.set_ylim(corner[1] - 6, high[1] + 3)
     panel.set_aspect('equal')

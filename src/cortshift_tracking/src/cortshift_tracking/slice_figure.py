@@ -9,9 +9,10 @@ from cortshift_tracking.errors import VolumeError
 from cortshift_tracking.palette import stage_colour
 
 ZOOM_MARGIN = 0.012  # shown around the surfaces in the lower row [m]
+LARGEST_ZOOM = 0.07  # side of what is shown there [m]
 
 
-def draw_slices(volume, surfaces, at=None, width_px=1024):
+def draw_slices(volume, surfaces, at=None, width_px=1160):
     """Figure of axial, coronal and sagittal slices: the whole head above, the craniotomy magnified below.
 
     surfaces: list of (name, points (H, W, 3) in pmr [m]); one colour each, in order.
@@ -44,8 +45,8 @@ def draw_slices(volume, surfaces, at=None, width_px=1024):
             continue
         together = np.concatenate(valid)[:, pair]
         zoom_low, zoom_high = together.min(0) - ZOOM_MARGIN, together.max(0) + ZOOM_MARGIN
-        side = (zoom_high - zoom_low).max() / 2  # square, so that the three compare
-        middle = (zoom_low + zoom_high) / 2
+        side = min((zoom_high - zoom_low).max(), LARGEST_ZOOM) / 2  # square, so that the three compare
+        middle = np.asarray(at)[pair] if 2 * side == LARGEST_ZOOM else (zoom_low + zoom_high) / 2
         panels[0, column].add_patch(Rectangle((middle - side) * 1000, 2 * side * 1000, 2 * side * 1000, fill=False,
                                               edgecolor='white', linewidth=0.8, linestyle='--'))
         _panel(panels[1, column], volume, surfaces, plane, at, middle - side, middle + side, window, width=1.8)

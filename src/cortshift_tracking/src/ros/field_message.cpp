@@ -96,6 +96,30 @@ cortshift_msgs::DisplacementField toMessage(const DisplacementField& field, cons
   return message;
 }
 
+sensor_msgs::PointCloud2 ownPointsMessage(const ShiftResult& result, const std_msgs::Header& header) {
+  const cv::Mat &starts = result.own_points_pmr, &displacements = result.own_displacements_pmr;
+  sensor_msgs::PointCloud2 cloud;
+  cloud.header = header;
+  cloud.width = static_cast<uint32_t>(displacements.cols);
+  cloud.height = static_cast<uint32_t>(displacements.rows);
+  for (const char* name : {"x", "y", "z", "dx", "dy", "dz"}) addField(cloud, name);
+  cloud.row_step = cloud.point_step * cloud.width;
+  cloud.is_dense = false;
+  cloud.data.resize(std::size_t{cloud.row_step} * cloud.height);
+  uint8_t* out = cloud.data.data();
+  for (int row = 0; row < displacements.rows; ++row)
+    for (int column = 0; column < displacements.cols; ++column, out += cloud.point_step) {
+      const cv::Vec3f& d = displacements.at<cv::Vec3f>(row, column);
+      cv::Vec6f values = cv::Vec6f::all(kNaN);
+      if (!std::isnan(d[0])) {
+        const cv::Vec3f& p = starts.at<cv::Vec3f>(row, column);
+        values = {p[0], p[1], p[2], d[0], d[1], d[2]};
+      }
+      std::memcpy(out, values.val, sizeof values.val);
+    }
+  return cloud;
+}
+
 DisplacementField fieldFromMessage(const cortshift_msgs::DisplacementField& message) {
   const sensor_msgs::PointCloud2& cloud = message.points;
   std::array<uint32_t, kFields.size()> offsets{};

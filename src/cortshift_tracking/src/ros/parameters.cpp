@@ -27,6 +27,7 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   reader.choice("channels", s.registration.channels, {"auto", "rgb", "green", "blue", "luminance"});
   reader.number("detail", s.registration.detail, 0.5, 100.0);
   reader.number("bend", s.registration.bend, 0.01, 1000.0);
+  reader.number("search", s.registration.search, 0.001, 0.05);
   reader.number("coarse_resolution", s.registration.coarse_resolution, 0.00005, 0.002);
   reader.number("coarse_rounds", s.registration.coarse_rounds, 0, 10);
   std::string inversion = "linear";
@@ -39,6 +40,7 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   reader.number("glare_margin", s.trust.glare_margin, 0.0, 0.01);
   reader.number("match_window", s.trust.agreement.window, 0.0005, 0.02);
   reader.number("image_noise", s.trust.agreement.image_noise, 0.0, 0.2);
+  reader.flag("own_points", s.with_own_points);
   reader.flag("strain", s.with_strain);
   reader.number("strain_window", s.strain.window, 0.0005, 0.02);
   reader.choice("exclusions", p.exclusions);

@@ -87,7 +87,7 @@ void PoseWatch::requireSeen() const {
   if (ever_ && !(now && *now <= kLost))
     throw TrackingError("the tracker has not seen the microscope for " +
                         (now ? text("%.1f s", *now) : text("more than %.0f s", kHorizon)) +
-                        "; clear its line of sight and capture again");
+                        "; clear its line of sight, or check the connection to it, and capture again");
 }
 
 }  // namespace cortshift_tracking

@@ -8,6 +8,7 @@
 #include <boost/make_shared.hpp>
 #include <chrono>
 #include <cstdlib>
+#include <functional>
 #include <future>
 #include <thread>
 
@@ -51,19 +52,26 @@ SurfaceInbox::Deadline deadlineAfter(double seconds) {
          std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(seconds));
 }
 
-/// Fires the driver. A driver that hangs is left behind when the deadline passes.
-/// @return stamp of the pair
-ros::Time fireTrigger(ros::ServiceClient trigger, SurfaceInbox::Deadline deadline) {
+/// Fires the driver. A driver that hangs, or one behind a cable that is out, is left behind when the deadline passes.
+/// @return stamp of the pair; nothing where there is no driver
+std::optional<ros::Time> fireTrigger(ros::ServiceClient trigger, SurfaceInbox::Deadline deadline) {
   struct Call {
     cortshift_msgs::TriggerCapture service;
+    bool exists = false;
     std::promise<bool> answered;
   };
   const auto call = std::make_shared<Call>();
   std::future<bool> answered = call->answered.get_future();
-  std::thread([call, trigger]() mutable { call->answered.set_value(trigger.call(call->service)); }).detach();
+  std::thread([call, trigger]() mutable {
+    call->exists = trigger.exists();
+    call->answered.set_value(call->exists && trigger.call(call->service));
+  }).detach();
   if (answered.wait_until(deadline) != std::future_status::ready)
-    throw TrackingError(std::string("the driver did not answer ") + kTrigger + "; check the cameras");
-  if (!answered.get()) throw TrackingError(std::string("the call of ") + kTrigger + " failed; check the driver");
+    throw TrackingError(std::string("the driver did not answer ") + kTrigger +
+                        "; check the cameras, and the network where the driver runs on another machine");
+  const bool done = answered.get();
+  if (!call->exists) return std::nullopt;
+  if (!done) throw TrackingError(std::string("the call of ") + kTrigger + " failed; check the driver");
   if (!call->service.response.success)
     throw TrackingError("the driver took no pair: " + call->service.response.message);
   return call->service.response.stamp;
@@ -103,6 +111,11 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
   overlay_before_ = data_node_.advertise<sensor_msgs::Image>("/shift/overlay_before", 1, true);
   overlay_after_ = data_node_.advertise<sensor_msgs::Image>("/shift/overlay_after", 1, true);
   magnitude_ = data_node_.advertise<sensor_msgs::Image>("/shift/magnitude", 1, true);
+  gravity_ = data_node_.advertise<sensor_msgs::Image>("/shift/gravity", 1, true);
+  normal_ = data_node_.advertise<sensor_msgs::Image>("/shift/normal", 1, true);
+  lateral_ = data_node_.advertise<sensor_msgs::Image>("/shift/lateral", 1, true);
+  if (parameters_.shift.with_own_points)
+    own_points_ = data_node_.advertise<sensor_msgs::PointCloud2>("/shift/own_points", 1, true);
   diagnostics_ = data_node_.advertise<diagnostic_msgs::DiagnosticArray>("/diagnostics", 10);
   trigger_ = service_node_.serviceClient<cortshift_msgs::TriggerCapture>(kTrigger);
   average_ = service_node_.serviceClient<cortshift_msgs::AveragePairs>(kAverage);
@@ -188,15 +201,18 @@ sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitMean(const std::string& key,
   std::future<bool> answered =
       std::async(std::launch::async, [call, average]() mutable { return average.call(*call); });
   const auto isAnswered = [&] { return answered.wait_for(std::chrono::milliseconds(20)) == std::future_status::ready; };
-  while (trigger_.exists() && !isAnswered()) {
-    ros::Time stamp;
+  while (!isAnswered()) {
+    std::optional<ros::Time> stamp;
     try {
       stamp = fireTrigger(trigger_, deadlineAfter(parameters_.capture_timeout));
     } catch (const TrackingError& error) {
       throw TrackingError(refusal + error.what());
     }
-    // One at a time, so that none overtakes another; the answer comes with the last, or when patience ends.
-    while (!isAnswered() && !inbox_.waitSince(stamp, deadlineAfter(0.05))) {
+    if (!stamp) break;
+    // One at a time, so that none overtakes another. A pair that gives no surface is replaced while patience lasts.
+    const SurfaceInbox::Deadline enough = deadlineAfter(parameters_.capture_timeout / 4);
+    while (!isAnswered() && std::chrono::steady_clock::now() < enough &&
+           !inbox_.waitSince(*stamp, deadlineAfter(0.05))) {
     }
   }
   if (!answered.get()) throw TrackingError(refusal + "the call of " + kAverage + " failed");
@@ -207,17 +223,17 @@ sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitMean(const std::string& key,
 
 sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitSurface(const std::string& key) {
   const SurfaceInbox::Deadline deadline = deadlineAfter(parameters_.capture_timeout);
-  if (trigger_.exists()) {
-    ros::Time stamp;
-    try {
-      pose_watch_.requireSeen();
-      stamp = fireTrigger(trigger_, deadline);
-    } catch (const TrackingError& error) {
-      throw TrackingError("stage '" + key + "' was not captured: " + error.what());
-    }
-    if (auto surface = inbox_.waitSince(stamp, deadline)) return surface;
+  std::optional<ros::Time> stamp;
+  try {
+    pose_watch_.requireSeen();
+    stamp = fireTrigger(trigger_, deadline);
+  } catch (const TrackingError& error) {
+    throw TrackingError("stage '" + key + "' was not captured: " + error.what());
+  }
+  if (stamp) {
+    if (auto surface = inbox_.waitSince(*stamp, deadline)) return surface;
     throw TrackingError("stage '" + key + "' was not captured: within " + seconds(parameters_.capture_timeout) +
-                        " no surface of the pair at " + std::to_string(stamp.toSec()) + " arrived on /surface/points" +
+                        " no surface of the pair at " + std::to_string(stamp->toSec()) + " arrived on /surface/points" +
                         whyNoSurface());
   }
   if (auto surface = inbox_.waitForRecent(ros::Duration(parameters_.max_surface_age), deadline)) return surface;
@@ -290,7 +306,7 @@ bool ShiftTracker::compute(const cortshift_msgs::ComputeShift::Request& request,
     const StageShift shift =
         computeStageShift(store_, request.from_key, request.to_key, first_normal_, gravity_pmr_, parameters_.shift,
                           excluded == regions_.end() ? std::vector<Region>() : excluded->second, across_epochs);
-    publish(shift.result, shift.from, shift.to);
+    publish(shift.result, shift.from, shift.to, false);
     response.success = true;
     response.summary = toMessage(shift.result.summary, request.from_key, request.to_key);
     response.message = "shift " + request.from_key + " to " + request.to_key + ": " + toText(shift.result.summary);
@@ -378,6 +394,7 @@ void ShiftTracker::trackLoop(const std::string& key) {
   std::optional<Reference> reference;
   cortshift_msgs::StageInfo from;
   unsigned long seen = 0;
+  cv::Mat prediction;  // from the field before
   while (tracking_) {
     try {
       if (!reference) {
@@ -394,13 +411,15 @@ void ShiftTracker::trackLoop(const std::string& key) {
       if (!sameRegistration(from.registration, registration_.newest()))
         throw TrackingError("the patient registration has changed since this stage; track from one of the new epoch");
       const std::lock_guard<std::mutex> guard(compute_mutex_);
-      const ShiftResult result =
-          computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface), directions(), settings);
-      publish(result, from, to);
+      const ShiftResult result = computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface),
+                                              directions(), settings, prediction);
+      prediction = predictionOf(result.flow, result.field.confidence);
+      publish(result, from, to, true);
       const std::lock_guard<std::mutex> status_guard(status_mutex_);
       ++status_->tracked;
       status_->last_shift = "live from " + key + ": " + toText(result.summary);
     } catch (const std::exception& error) {  // the next surface may be better
+      prediction.release();
       ROS_WARN_STREAM_THROTTLE(2, "tracking from '" << key << "': " << error.what());
       {
         const std::lock_guard<std::mutex> guard(status_mutex_);
@@ -412,16 +431,24 @@ void ShiftTracker::trackLoop(const std::string& key) {
 }
 
 void ShiftTracker::publish(const ShiftResult& result, const cortshift_msgs::StageInfo& from,
-                           const cortshift_msgs::StageInfo& to) {
+                           const cortshift_msgs::StageInfo& to, bool live) {
   const cortshift_msgs::DisplacementField field = toMessage(result.field, result.summary, from, to);
   points_.publish(field.points);
   markers_.publish(arrowsOf(result.field, field.header, parameters_.arrow_spacing));
-  const auto picture = [&](const ros::Publisher& publisher, const cv::Mat& image) {
-    publisher.publish(cv_bridge::CvImage(field.header, "bgr8", image).toImageMsg());
+  // A live field does not wait for pictures that nobody looks at.
+  const auto wanted = [&](const ros::Publisher& publisher) { return !live || publisher.getNumSubscribers() > 0; };
+  const auto picture = [&](const ros::Publisher& publisher, const std::function<cv::Mat()>& draw) {
+    if (wanted(publisher)) publisher.publish(cv_bridge::CvImage(field.header, "bgr8", draw()).toImageMsg());
   };
-  picture(overlay_before_, overlayBefore(result));
-  picture(overlay_after_, overlayAfter(result));
-  picture(magnitude_, magnitudeMap(result.field));
+  const Directions to_measure = directions();
+  picture(overlay_before_, [&] { return overlayBefore(result); });
+  picture(overlay_after_, [&] { return overlayAfter(result); });
+  picture(magnitude_, [&] { return magnitudeMap(result.field); });
+  if (to_measure.gravity_pmr) picture(gravity_, [&] { return gravityMap(result.field, *to_measure.gravity_pmr); });
+  picture(normal_, [&] { return normalMap(result.field, to_measure.first_normal_pmr); });
+  picture(lateral_, [&] { return lateralMap(result.field, to_measure.first_normal_pmr); });
+  if (parameters_.shift.with_own_points && wanted(own_points_))
+    own_points_.publish(ownPointsMessage(result, field.header));
   field_.publish(field);
 }
 

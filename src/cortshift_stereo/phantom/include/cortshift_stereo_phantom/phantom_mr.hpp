@@ -15,6 +15,7 @@ struct MrSettings {
   double voxel = 0.0008;   ///< side of a voxel [m], 0.0004 ... 0.002
   int supersampling = 4;   ///< samples per voxel side near tissue borders, 1 ... 8
   double noise = 2.0;      ///< standard deviation of the intensity noise (white matter is 150)
+  double side = 0;         ///< of a cube around the middle of the craniotomy [m], 0.02 ... 0.3; 0: the whole head
   std::uint32_t seed = 1;  ///< of the noise
 
   /// @throws PhantomCaseError naming the setting, its value and the allowed range.

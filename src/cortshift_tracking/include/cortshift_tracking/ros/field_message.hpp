@@ -14,6 +14,10 @@ cortshift_msgs::ShiftSummary toMessage(const Summary& summary, const std::string
 cortshift_msgs::DisplacementField toMessage(const DisplacementField& field, const Summary& summary,
                                             const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to);
 
+/// The paper's alternative sampling: the earlier surface's own points with their displacements, organised as that
+/// surface: float32 x y z dx dy dz confidence, NaN where not trusted.
+sensor_msgs::PointCloud2 ownPointsMessage(const ShiftResult& result, const std_msgs::Header& header);
+
 /// The field of a message, from any writer that keeps the contract.
 /// @throws cortshift_stereo::MessageError naming what is wrong
 DisplacementField fieldFromMessage(const cortshift_msgs::DisplacementField& message);

@@ -43,7 +43,9 @@ namespace cortshift_tracking {
 /// Publishes (latched):
 ///   /shift/field [cortshift_msgs/DisplacementField], /shift/points [sensor_msgs/PointCloud2]
 ///   /shift/markers [visualization_msgs/MarkerArray]
-///   /shift/overlay_before, /shift/overlay_after, /shift/magnitude [sensor_msgs/Image] bgr8
+///   /shift/overlay_before, /shift/overlay_after, /shift/magnitude, /shift/gravity, /shift/normal, /shift/lateral
+///   [sensor_msgs/Image] bgr8
+///   /shift/own_points [sensor_msgs/PointCloud2] with own_points: displacements of the earlier surface's own points
 ///   /diagnostics
 /// Services: ~capture_stage, ~capture_mean_stage, ~list_stages, ~delete_stage, ~compute_shift,
 /// ~compute_shift_across_epochs, ~set_gravity, ~exclude_regions, ~track
@@ -84,7 +86,8 @@ class ShiftTracker {
   Directions directions();
   void trackLoop(const std::string& key);
   void stopTracking();
-  void publish(const ShiftResult& result, const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to);
+  void publish(const ShiftResult& result, const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to,
+               bool live);
 
   ShiftTrackerParameters parameters_;
   StageStore store_;
@@ -110,7 +113,8 @@ class ShiftTracker {
   ros::NodeHandle data_node_, service_node_;
   std::unique_ptr<PairHistory> pairs_;
   ros::Subscriber surfaces_, diagnostics_in_, fixed_;
-  ros::Publisher field_, points_, markers_, overlay_before_, overlay_after_, magnitude_, diagnostics_;
+  ros::Publisher field_, points_, markers_, overlay_before_, overlay_after_, magnitude_, gravity_, normal_, lateral_,
+      own_points_, diagnostics_;
   ros::ServiceServer capture_, capture_mean_, list_, delete_, compute_, compute_across_epochs_, set_gravity_, exclude_,
       track_;
   ros::ServiceClient trigger_, average_;

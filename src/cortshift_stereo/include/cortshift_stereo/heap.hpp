@@ -1,0 +1,15 @@
+// The heap of a program that works on one image after another.
+#pragma once
+
+#include <malloc.h>
+
+namespace cortshift_stereo {
+
+/// Freed memory stays with the process: the next pair needs as much, and fresh pages cost a tenth of its time.
+inline void keepFreedMemory() {
+  constexpr int kLargest = 512 << 20;  // bytes
+  mallopt(M_MMAP_THRESHOLD, kLargest);
+  mallopt(M_TRIM_THRESHOLD, kLargest);
+}
+
+}  // namespace cortshift_stereo
