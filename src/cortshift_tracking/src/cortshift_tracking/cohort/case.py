@@ -14,7 +14,7 @@ from cortshift_tracking.durable import write_durably
 
 INTERRUPTED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)   # somebody stopped the cohort, not this case
 TABLE = 'table_3.csv'
-OUT_OF_MEMORY = re.compile('bad_alloc|MemoryError|[Aa]llocat|cannot map')
+OUT_OF_MEMORY = re.compile('bad_alloc|MemoryError|[Aa]llocat|cannot map|failed to map')
 
 
 class Interrupted(Exception):
