@@ -201,14 +201,14 @@ sensor_msgs::PointCloud2ConstPtr ShiftTracker::awaitMean(const std::string& key,
   std::future<bool> answered =
       std::async(std::launch::async, [call, average]() mutable { return average.call(*call); });
   const auto isAnswered = [&] { return answered.wait_for(std::chrono::milliseconds(20)) == std::future_status::ready; };
-  while (trigger_.exists() && !isAnswered()) {
+  while (!isAnswered()) {
     std::optional<ros::Time> stamp;
     try {
       stamp = fireTrigger(trigger_, deadlineAfter(parameters_.capture_timeout));
     } catch (const TrackingError& error) {
       throw TrackingError(refusal + error.what());
     }
-    if (!stamp) break;  // the driver has gone
+    if (!stamp) break;
     // One at a time, so that none overtakes another. A pair that gives no surface is replaced while patience lasts.
     const SurfaceInbox::Deadline enough = deadlineAfter(parameters_.capture_timeout / 4);
     while (!isAnswered() && std::chrono::steady_clock::now() < enough &&

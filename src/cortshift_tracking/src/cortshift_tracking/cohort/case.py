@@ -3,6 +3,7 @@ import csv
 import glob
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -39,7 +40,8 @@ def _run(tool, arguments, log, limit_mb=0):
         raise CaseFailed(f'{tool} was ended by signal {number}; where memory is short, raise mem_mb')
     if done.returncode != 0:
         lines = [line.partition(f'{tool}: ')[2] or line for line in done.stderr.splitlines() if 'WARN' not in line]
-        raise CaseFailed('; '.join(lines) or f'{tool} ended with {done.returncode}')
+        reason = '; '.join(lines) or f'{tool} ended with {done.returncode}'
+        raise CaseFailed(reason + ('; raise mem_mb' if re.search('bad_alloc|MemoryError|[Aa]llocat', reason) else ''))
 
 
 def process_case(case, folder, log, limit_mb, threads, config='', exports=()):
