@@ -134,7 +134,9 @@ def _flow(first, second, settings):
         for path, image in zip(paths, (first, second)):
             cv2.imwrite(path, np.clip(image * 65535, 0, 65535).astype(np.uint16))
         with open(paths[3], 'w', encoding='utf-8') as file:
-            file.write(f'%YAML:1.0\n---\npreset: ji2014\nalpha: {settings.alpha}\n')
+            # Features are sparse: many rounds, and no smoothing besides their own.
+            file.write(f'%YAML:1.0\n---\npreset: ji2014\nalpha: {settings.alpha}\n'
+                       'outer_iterations: 7\ninner_iterations: 1\nsolver_iterations: 30\npresmoothing: 0\n')
         run = subprocess.run([tool, 'cortshift_flow', 'flow_pair', *paths[:3], '--settings', paths[3]], stdout=subprocess.PIPE,
                              stderr=subprocess.STDOUT, universal_newlines=True, check=False)
         if run.returncode != 0:
