@@ -96,6 +96,8 @@ def client():
     for name, kind in (('capture_stage', CaptureStage), ('list_stages', ListStages), ('compute_shift', ComputeShift)):
         rospy.wait_for_service(f'/shift_tracker/{name}', 120)
         services[name] = rospy.ServiceProxy(f'/shift_tracker/{name}', kind, persistent=True)  # the master may be out of reach
+    services['list_stages']()  # opens the connection
+    services['capture_stage']('', '')  # likewise; refused for its key
     print('ready', flush=True)
     for line in sys.stdin:
         words = line.split()
@@ -122,7 +124,8 @@ class Client:
 
     def answer(self):
         line = self._process.stdout.readline().strip()
-        print('  ', line)
+        assert self._process.poll() is None, 'the client ended'
+        print('  ', line, flush=True)
         return line
 
     def ask(self, text):
@@ -145,7 +148,7 @@ def recorded_gap(folder):
     return len(stamps), max(b - a for a, b in zip(stamps, stamps[1:]))
 
 
-def case(machines, folder, cleanup):
+def case(machines, folder):
     machines.start(CAPTURE, 'capture_pc', 'roslaunch', str(ROOT / 'launch/capture_pc.launch'), f'phantom:={CASE}', 'preflight:=false',
                    'navigation:=false', f'site:={folder / "site.yaml"}')
     machines.start(COMPUTE, 'compute_pc', 'roslaunch', '--wait', str(ROOT / 'launch/compute_pc.launch'), 'page:=0',
@@ -195,7 +198,11 @@ def main():
         try:
             with contextlib.ExitStack() as cleanup:
                 machines = Machines(cleanup, folder)
-                case(machines, folder, cleanup)
+                try:
+                    case(machines, folder)
+                finally:
+                    machines.cable(True)  # or nobody could say goodbye to the master
+                    rospy.signal_shutdown('done')
         except Exception:
             for log in sorted(folder.glob('*.log')):
                 print(f'---- {log.name}', log.read_text()[-3000:], sep='\n', file=sys.stderr)
