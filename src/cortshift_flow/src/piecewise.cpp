@@ -16,7 +16,7 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr int kLinearisations = 8, kFullLinearisations = 4;  // per level, and at full resolution
+constexpr int kLinearisations = 8, kFullLinearisations = 6;  // per level, and at full resolution
 constexpr int kMedian = 5;                                   // side of the median filter [px]
 constexpr float kAgreement = 1;                              // of forward and backward flow [px of the level]
 constexpr float kOrdinaryError = 0.2f;                       // where both directions agree [px]

@@ -79,7 +79,7 @@ FlowSettings FlowSettings::preset(const std::string& name) {
   if (name == "default") return settings;
   if (name == "fast") {
     settings.finest_level = 1;
-    settings.coarse_polish_iterations = 3;
+    settings.coarse_polish_iterations = 2;
     return settings;
   }
   if (name == "ji2014") {

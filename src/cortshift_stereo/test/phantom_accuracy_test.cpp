@@ -64,7 +64,9 @@ TEST_F(PhantomAccuracy, noisyImagesOnePairAndEight) {
 }
 
 TEST_F(PhantomAccuracy, confidencePredictsTheError) {
-  constexpr double kBetterHalf = 0.6;  // the aim is 0.5, which the least noisy exposure misses with 0.52
+  // Where noise decides. Without any, what is left is interpolation and the stiffness of the surface, which the
+  // confidence knows less of: 0.52 at noise 2/255, 0.57 at 1/255, 0.64 at none.
+  constexpr double kBetterHalf = 0.5;
   for (const Exposure& exposure :
        {Exposure{4.0 / 255, 1, 0}, Exposure{6.0 / 255, 1, 0}, Exposure{4.0 / 255, 0.85, 0}}) {
     SCOPED_TRACE(testing::Message() << "noise " << exposure.noise << " gain " << exposure.right_gain);

@@ -176,6 +176,19 @@ TEST(Reconstruction, pairsWithoutASurfaceAreRefusedByName) {
   EXPECT_EQ(refusalOf(bad, bad.left(), bad.right()), "epipolar");
 }
 
+TEST(Reconstruction, tooLittleCoverageIsRefusedByName) {
+  const AnalyticScene scene;
+  ReconstructionSettings settings;
+  settings.limits.min_coverage = 1;
+  try {
+    reconstructScene(scene, settings);
+    FAIL();
+  } catch (const PairError& error) {
+    EXPECT_EQ(error.reason(), "coverage");
+    EXPECT_NE(std::string(error.what()).find("at least 100 % is needed"), std::string::npos) << error.what();
+  }
+}
+
 TEST(Reconstruction, imagesOfDifferentScenesAreRefused) {
   const AnalyticScene scene;
   cv::Mat other;

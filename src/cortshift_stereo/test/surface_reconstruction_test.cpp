@@ -157,6 +157,10 @@ class SurfaceReconstructionTest : public ::testing::Test {
     theatre = new Theatre;
     left = scene.left();
     right = scene.right();
+    const ros::Time stamp = theatre->nextStamp();
+    theatre->sendPosesAround(stamp);
+    theatre->sendImages(stamp, stamp, left, right);
+    drop_without_camera_info = theatre->dropOf(stamp);
     theatre->sendInfos(scene.model());
   }
   static void TearDownTestSuite() { delete theatre; }
@@ -182,10 +186,12 @@ class SurfaceReconstructionTest : public ::testing::Test {
   static Theatre* theatre;
   static AnalyticScene scene;
   static cv::Mat left, right;
+  static std::string drop_without_camera_info;  // of the first pair of all
 };
 Theatre* SurfaceReconstructionTest::theatre = nullptr;
 AnalyticScene SurfaceReconstructionTest::scene;
 cv::Mat SurfaceReconstructionTest::left, SurfaceReconstructionTest::right;
+std::string SurfaceReconstructionTest::drop_without_camera_info;
 
 TEST_F(SurfaceReconstructionTest, aPairBecomesASurfaceInPmr) {
   const ros::Time stamp = theatre->nextStamp();
@@ -254,6 +260,10 @@ TEST_F(SurfaceReconstructionTest, aGapInTheTrackingIsRefused) {
   theatre->sendPose(stamp + ros::Duration(0.05));
   theatre->sendImages(stamp, stamp, left, right);
   expectReason(theatre->dropOf(stamp), "pose", "0.200000 s away");
+}
+
+TEST_F(SurfaceReconstructionTest, aPairWithoutCameraInfoIsRefused) {
+  expectReason(drop_without_camera_info, "camera_info", "check that the driver or the bag publishes it");
 }
 
 TEST_F(SurfaceReconstructionTest, anUnsynchronisedPairIsRefused) {

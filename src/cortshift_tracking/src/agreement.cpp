@@ -65,6 +65,7 @@ Agreement agreementOf(const cv::Mat& first, const cv::Mat& second, const cv::Mat
 }
 
 double probabilityOfMatch(double flow_error, double correlation, double residual) {
+  if (!std::isfinite(flow_error)) return 0;  // the flow itself knows nothing there
   // Fitted to 120 000 vectors between the stages of the cases shift_clean, shift_disturbed and shift_wet.
   constexpr double kConstant = -12.71, kPerLogError = -0.86, kPerCorrelation = 4.26, kPerLogResidual = -1.09;
   const double error = std::clamp(flow_error, 3e-6, 1e-3), rest = std::clamp(residual, 0.002, 0.2);

@@ -97,8 +97,8 @@ TEST_F(Inversion, OwnPointsOfTheEarlierSurface) {
 }
 
 TEST_F(Inversion, GateAndHolesGiveNaN) {
-  confidence(cv::Rect(100, 100, 20, 20)).setTo(0.29);
-  confidence(cv::Rect(130, 100, 20, 20)).setTo(0.30);
+  confidence(cv::Rect(100, 100, 20, 20)).setTo(InversionSettings().min_confidence - 0.01);
+  confidence(cv::Rect(130, 100, 20, 20)).setTo(InversionSettings().min_confidence);
   const DisplacementField field = invert(frame, earlier, later, flow, confidence);
   EXPECT_TRUE(std::isnan(field.displacement_pmr.at<cv::Vec3f>(110, 110)[0]));
   EXPECT_TRUE(std::isnan(field.start_pmr.at<cv::Vec3f>(110, 110)[2]));

@@ -27,7 +27,7 @@ def recorded(tmp_path_factory):
     return bag, description, os.path.join(folder, 'out')
 
 
-def process(bag, output, *arguments, captures=cases.CAPTURES, shifts=(SHIFT,), status=0):
+def process(bag, output, *arguments, config=cases.CONFIG, status=0):
     return run_tool('process_bag', bag, '--capture', *cases.CAPTURES, '--shift', SHIFT, '--output', output, '--config', config,
                     *arguments, status=status)
 

