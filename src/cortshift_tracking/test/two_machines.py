@@ -194,6 +194,7 @@ def case(machines, folder):
 
 
 def main():
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and with that, every process that was started ends
     with contextlib.ExitStack() as outer:
         folder = pathlib.Path(outer.enter_context(tempfile.TemporaryDirectory(prefix='cortshift-machines-')))
         (folder / 'site.yaml').write_text(f'stereo_driver: {{rate: {RATE}}}\n'
