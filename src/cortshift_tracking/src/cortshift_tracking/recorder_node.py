@@ -47,8 +47,9 @@ class Recorder:
         threading.Thread(target=self._watch, daemon=True).start()
 
     def _start(self):
+        # By rosrun, which becomes the recorder itself: a signal to it arrives there.
         prefix = os.path.join(self._folder, time.strftime('case_%Y%m%dT%H%M%S'))
-        command = ['rosbag', 'record', '--quiet', '--split', f'--duration={60 * self._values["minutes"]:.0f}',
+        command = ['rosrun', 'rosbag', 'record', '--quiet', '--split', f'--duration={60 * self._values["minutes"]:.0f}',
                    f'--max-splits={self._values["files"]:.0f}', '--buffsize=512', '--output-prefix', prefix, '__name:=case_recording']
         command += ['--lz4'] if self._values['compression'] == 'lz4' else []
         self._process = subprocess.Popen(command + TOPICS, stdout=subprocess.DEVNULL)
