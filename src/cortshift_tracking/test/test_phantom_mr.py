@@ -45,8 +45,7 @@ def stages(folder):
     found = {}
     for name in ('unmoved', 'moved'):
         tool('phantom_surface', CASE, name, folder / f'{name}.pcd', '--reconstructed')
-        points, colour = read_pcd(folder / f'{name}.pcd')
-        found[name] = Stage(name, '', 1.0, points, colour, np.ones(points.shape[:2]), None, 1.0)
+        found[name] = Stage(name, '', 1.0, *read_pcd(folder / f'{name}.pcd'), None, 1.0)
     return found
 
 
