@@ -5,6 +5,7 @@ import os
 import site
 import socket
 import struct
+import time
 
 import igtl_environment
 
@@ -143,11 +144,17 @@ class Client(pyigtl.OpenIGTLinkClient):
             return False
         return super()._receive_message_from_socket(ssocket)
 
-    def expect(self, device, seconds=20):
-        """The next message of this device. Raises AssertionError if none comes."""
-        message = self.wait_for_message(device, timeout=seconds)
-        assert message is not None, f'no message {device} within {seconds} s'
-        return message
+    def expect(self, device, seconds=20, since=0.0):
+        """The next message of this device with a time stamp of at least `since` [s], older ones being of an earlier request.
+
+        Raises AssertionError if none comes.
+        """
+        end = time.monotonic() + seconds
+        while True:
+            message = self.wait_for_message(device, timeout=max(0.0, end - time.monotonic()))
+            assert message is not None, f'no message {device} within {seconds} s'
+            if message.timestamp >= since - 1e-5:
+                return message
 
     def transform(self, device, matrix_mm, stamp, **metadata):
         message = pyigtl.TransformMessage(matrix_mm, timestamp=stamp, device_name=device)

@@ -9,7 +9,7 @@ import rosbag
 
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.export import write_field
-from cortshift_tracking.field_bag import to_message
+from cortshift_tracking.field_bag import summarise, to_message
 from cortshift_tracking.messages import Field
 from offline_tools import run_tool
 
@@ -146,7 +146,7 @@ def test_tool(tmp_path):
     field = make_field()
     bag = str(tmp_path / 'before__after.bag')
     with rosbag.Bag(bag, 'w') as out:
-        message = to_message(field)
+        message = to_message(field, summarise(field, 1.0, 0.1))
         out.write('/shift/field', message, message.header.stamp)
     outputs = [str(tmp_path / f'field.{ending}') for ending in ('npz', 'vtp', 'ply', 'csv')]
     run_tool('export_field', bag, *outputs, '--axes', 'LPS')

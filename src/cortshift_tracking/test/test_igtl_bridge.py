@@ -251,7 +251,8 @@ class IgtlBridge(unittest.TestCase):
         message = field(points, displacement, projection, resolution, ('dura_open', 'resected'))
         self.fields.publish(message)
 
-        received = self.client.expect('ShiftField')
+        since = message.header.stamp.to_sec()
+        received = self.client.expect('ShiftField', since=since)
         self.assertAlmostEqual(received.timestamp, message.header.stamp.to_sec(), places=5)
         truth_mm = 1000 * points[~hole] @ LPS_OF_RAS
         vectors_mm = 1000 * displacement[~hole] @ LPS_OF_RAS
@@ -267,7 +268,7 @@ class IgtlBridge(unittest.TestCase):
         sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1)) @ (LPS_OF_RAS @ projection[:3, :2]), axis=-1)
         self.assertLess(np.abs(sides - 0.5).max(), 1e-3)
 
-        texture = self.client.expect('FieldTexture')
+        texture = self.client.expect('FieldTexture', since=since)
         self.assertEqual(texture.image.shape, (1, height, width, 3))
         lps_mm = apply(texture.ijk_to_world_matrix, np.stack([columns, rows, 0 * rows], -1))
         grid_mm = 1000 * apply(projection, np.stack([columns, rows, 0 * rows], -1) * resolution) @ LPS_OF_RAS
