@@ -312,7 +312,8 @@ TEST(StereoDriverRefusals, saysWhatToSetAndExits) {
   const std::map<std::string, std::string> cases = {
       {"", "source is missing"},
       {"_source:=none", "config/site.yaml"},
-      {"_source:=aravis", "not a source of this build"},
+      {"_source:=theodolite", "not a source of this build"},
+      {"_source:=aravis", "calibration_left is missing"},
       {"_source:=phantom", "phantom_case is missing"},
       {"_source:=phantom _phantom_case:=/nowhere.yaml", "/nowhere.yaml cannot be read"},
       {"_source:=phantom _rate:=31.0", "rate = 31"},
