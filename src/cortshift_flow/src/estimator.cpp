@@ -135,7 +135,8 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   Estimate estimate;
   cv::Mat1f error = predictError(level, flow.forward, hidden.visible, polished,
                                  static_cast<float>(settings.curvature * (1 << finest_level)), scale.suspect, threads);
-  if (shareUnsure(error, flow.forward) > kMostUnsure) {
+  // Only at full resolution: a preset that ends before it promises its time.
+  if (finest_level == 0 && shareUnsure(error, flow.forward) > kMostUnsure) {
     PiecewiseFlow piecewise = piecewiseFlow(levels, start, finest_level, settings, threads);
     flow.forward = std::move(piecewise.flow);
     error = piecewise.error;
