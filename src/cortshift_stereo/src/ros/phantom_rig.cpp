@@ -10,6 +10,7 @@
 namespace cortshift_stereo {
 namespace {
 
+constexpr double kSettling = 0.5;           // [s] a capture asks for poses at rest for some time before the exposure
 constexpr double kDiagnosticsPeriod = 1.0;  // [s]
 
 geometry_msgs::TransformStamped edge(const std::string& parent, const std::string& child, const Eigen::Isometry3d& T,
@@ -117,7 +118,7 @@ bool PhantomRig::setStage(cortshift_msgs::SetPhantomStage::Request& request,
                           cortshift_msgs::SetPhantomStage::Response& response) {
   try {
     const Stamp ready = source_->setStage(request.stage);
-    const Stamp reported = ready + fromSeconds(parameters_.tracker_latency);
+    const Stamp reported = ready + fromSeconds(parameters_.tracker_latency + kSettling);
     ros::Time::sleepUntil(toRosTime(reported));
     response.success = true;
     response.message = "the phantom is at stage " + request.stage;
