@@ -39,6 +39,13 @@ PolishedFlow polishAt(const Level& level, int l, const cv::Mat1b& visible, const
   return polish(pair, noiseWeights(pair, start, visible), visible, start, effort, threads);
 }
 
+/// 1 where the flow of a pixel is confirmed by its colours or by the opposite flow.
+cv::Mat1b confirmed(const Level& level, const FlowPlanes& flow, const FlowPlanes& opposite, float unmatched,
+                    int threads) {
+  return matched(level, flow, unmatched, threads) |
+         (consistent(flow, opposite, kAgreement, threads) & shown(level, flow, threads));
+}
+
 /// What of the first image the second does not show.
 struct Hidden {
   cv::Mat1b uncovered;  ///< non-zero where no pixel of the second image comes from
@@ -47,8 +54,7 @@ struct Hidden {
 
 Hidden findHidden(const Level& level, const FlowBothWays& flow, const cv::Mat1b& uncovered, float unmatched,
                   int threads) {
-  Hidden hidden{uncovered, matched(level, flow.forward, unmatched, threads) |
-                               consistent(flow.forward, flow.backward, kAgreement, threads)};
+  Hidden hidden{uncovered, confirmed(level, flow.forward, flow.backward, unmatched, threads)};
   // Specks are noise, not occlusion.
   cv::morphologyEx(hidden.visible, hidden.visible, cv::MORPH_CLOSE, cv::Mat::ones(7, 7, CV_8U));
   hidden.visible &= (uncovered == 0);
@@ -113,8 +119,7 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
       } else {
         flow.backward = doubled(flow.backward, size, threads);
       }
-      const cv::Mat1b trusted = matched(backward, flow.backward, scale.unmatched, threads) |
-                                consistent(flow.backward, flow.forward, kAgreement, threads);
+      const cv::Mat1b trusted = confirmed(backward, flow.backward, flow.forward, scale.unmatched, threads);
       const cv::Mat1b uncovered = coveredBy(flow.backward, trusted) == 0;
       exchangeFlow(level, exchangeReaches(), kMatchWindow, scale.suspect, uncovered, flow.forward, threads);
       hidden = findHidden(level, flow, uncovered, scale.unmatched, threads);
