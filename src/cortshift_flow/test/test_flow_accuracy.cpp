@@ -73,6 +73,23 @@ TEST(Accuracy, TissueThatShrinksFromARestingRim) {
   EXPECT_GT(f.confidence.caught, 0.95);
 }
 
+// Masked to the craniotomy in both images, as projections of surfaces are: tissue that leaves is extrapolated, and
+// known to be.
+TEST(Accuracy, TissueThatLeavesTheMask) {
+  PlanarPhantom phantom = phantomOf("outward_all");
+  for (cv::Mat* image : {&phantom.first, &phantom.second}) {
+    *image = image->clone();
+    image->setTo(0, phantom.craniotomy == 0);
+  }
+  const FlowResult result = computeFlow(phantom.first, phantom.second, phantom.craniotomy, phantom.craniotomy);
+  const cv::Mat error = endpointError(result.flow, phantom.truth);
+  EXPECT_LT(errorStatistics(error, phantom.core).median, 0.012);
+  EXPECT_LT(errorStatistics(error, phantom.craniotomy).mean, 0.2);
+  const ConfidenceStatistics confidence = confidenceStatistics(error, result.confidence, phantom.craniotomy);
+  EXPECT_GT(confidence.caught, 0.95);
+  EXPECT_GT(confidence.kept, 0.97);
+}
+
 TEST(Accuracy, FastPreset) {
   EXPECT_LT(figures(phantomOf("outward_all"), FlowSettings::preset("fast")).core.median, 0.04);
 }
