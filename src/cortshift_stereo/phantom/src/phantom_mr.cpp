@@ -22,7 +22,7 @@ constexpr double kCorticalThickness = 0.0028;  // of grey matter on the crowns [
 constexpr double kSulcalDepth = 0.0090;        // how much deeper white matter begins under a sulcus [m]
 constexpr double kClosing = 0.018;             // outside the rim the dome passes into a ball over this width [m]
 constexpr double kTableStep = 0.0001;          // of the tables over the brain's plane [m]
-constexpr double kSmallest = 0.0004, kLargest = 0.002;      // voxel [m]
+constexpr double kSmallest = 0.0001, kLargest = 0.002;      // voxel [m]
 constexpr double kSmallestSide = 0.02, kLargestSide = 0.3;  // of the volume [m]
 
 /// The undeformed cortex over the brain's plane, tabulated: closed forms cost too much for millions of samples.

@@ -13,6 +13,7 @@ import rospkg
 
 from cortshift_tracking import report_figures as figures
 from cortshift_tracking.case_folder import immobile_misalignment, read_case
+from cortshift_tracking.cross_section import SECTION_CONFIDENCE
 from cortshift_tracking.durable import write_durably
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.mr import load_volume
@@ -74,11 +75,13 @@ def make_report(folder, mr=None, axes='RAS', title=None):
         sections.append('<h2>Probe against surface and field</h2><p>No label was digitised at both stages of a pair.</p>')
     if mr is not None:
         volume = load_volume(mr, axes)
-        picture = draw_slices(volume, [(stage.key, stage.points[::2, ::2]) for stage in case.stages])
+        picture = draw_slices(volume, [(stage.key, stage.points[::2, ::2], stage.confidence[::2, ::2])
+                                       for stage in case.stages])
         sections.append(f'<h2>Surfaces in the preoperative MR</h2>{_picture(picture, "cross-sections of every stage on MR slices")}'
                         f'<p class="small">{_text(os.path.basename(mr))}: voxels {_text(volume.orientation)}, '
                         f'{" x ".join(f"{v * 1000:.3g}" for v in volume.spacing)} mm; pmr is {axes}; slices through the middle of '
-                        f'the first surface, in radiological order. {_text("; ".join(volume.notes))}</p>')
+                        f'the first surface, in radiological order. A gap in a section: no surface, or one of a confidence below '
+                        f'{SECTION_CONFIDENCE:g}. {_text("; ".join(volume.notes))}</p>')
     else:
         sections.append('<h2>Surfaces in the preoperative MR</h2><p>No MR was given (--mr).</p>')
     sections += [_pair(case, field) for field in case.fields]

@@ -12,7 +12,7 @@
 namespace cortshift_stereo_phantom {
 
 struct MrSettings {
-  double voxel = 0.0008;   ///< side of a voxel [m], 0.0004 ... 0.002
+  double voxel = 0.0008;   ///< side of a voxel [m], 0.0001 ... 0.002
   int supersampling = 4;   ///< samples per voxel side near tissue borders, 1 ... 8
   double noise = 2.0;      ///< standard deviation of the intensity noise (white matter is 150)
   double side = 0;         ///< of a cube around the middle of the craniotomy [m], 0.02 ... 0.3; 0: the whole head
