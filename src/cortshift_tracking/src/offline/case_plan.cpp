@@ -23,7 +23,7 @@ double numberIn(const std::string& text, const std::string& what) {
 
 void requireKeyIn(const std::string& key, const std::string& what) {
   try {
-    requireKey(key);
+    requireKeyOfCapture(key);
   } catch (const TrackingError& error) {
     throw PlanError(what + ": " + error.what());
   }
