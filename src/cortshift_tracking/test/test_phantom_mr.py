@@ -124,7 +124,7 @@ def test_cortex_of_a_clinical_mr_errs_by_partial_volume_only(folder, stages):
 
 def test_known_shift_against_the_mr_is_recovered(folder, stages, tmp_path):
     field, overlap = register_to_mr(stages['moved'], phantom_mr(folder, 0.8))
-    write_field(str(tmp_path / 'pmr__moved.bag'), field, summarise(field, overlap, 1.0))
+    write_field(str(tmp_path / 'pmr__moved.bag'), field, summarise(field, overlap, 1.0, field.normal_pmr))
     with rosbag.Bag(str(tmp_path / 'pmr__moved.bag')) as bag:
         read = field_from_message(next(message for _, message, _ in bag.read_messages('/shift/field')))
     assert read.from_key == 'pmr' and read.summary.valid_points == field.valid.sum() and 0.5 < read.summary.overlap <= 1

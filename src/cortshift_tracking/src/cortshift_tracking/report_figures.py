@@ -114,7 +114,8 @@ def component_figure(field, gravity, first_normal):
     normal = d @ first_normal
     lateral = np.linalg.norm(d - normal[..., None] * first_normal, axis=-1)
     top = _round_up(np.nanpercentile(magnitude, 99) * 1000)
-    figure, panels = _figure(2, 2, 900)
+    height, width = field.confidence.shape
+    figure, panels = _figure(2, 2, 170 + 2 * 0.35 * WIDTH_PX * min(height / width, 1.5))  # rows as high as the maps
     _map(figure, panels[0, 0], field, magnitude, 'magnitude |d|', 'viridis', 0, top, 'mm')
     if gravity is None:
         _axes_mm(panels[0, 1], 'along gravity: gravity is not known')
