@@ -6,6 +6,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 import unittest
 from dataclasses import replace
 
@@ -14,11 +15,12 @@ import rospkg
 import rospy
 import rostest
 import yaml
-from cortshift_msgs.msg import DisplacementField
-from cortshift_msgs.srv import ComputeShift
 from cortshift_tracking.case_folder import read_case
 from cortshift_tracking.messages import field_from_message
 from cortshift_tracking.validation import compare_pair, read_picks, surface_accuracy, table_2, table_3
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from graph import ShiftTracker  # noqa: E402
 
 CASE = os.path.join(rospkg.RosPack().get_path('cortshift_tracking'), '..', '..', 'config', 'phantom', 'phantom_case.yaml')
 PROBE_NOISE = 0.0003  # [m]
@@ -119,8 +121,8 @@ class DemoCase(unittest.TestCase):
     def test_5_shift_from_the_mr(self):
         """While the graph runs: registered to the first stage, and on to the last one by the flow between them."""
         first, last = self.case.stages[0].key, self.case.stages[-1].key
-        compute = rospy.ServiceProxy('/shift_tracker/compute_shift', ComputeShift)
-        refused = compute('pmr', last)
+        tracker = ShiftTracker()
+        refused = tracker.compute_shift('pmr', last)
         self.assertFalse(refused.success)
         command = re.search('run `rosrun cortshift_tracking (.*) MR`', refused.message).group(1)
         mr = os.path.join(self.folder, 'pmr.nii')
@@ -128,13 +130,10 @@ class DemoCase(unittest.TestCase):
                                           ('cortshift_tracking', *shlex.split(command), mr)):
             run = tool(package, name, *arguments)
             self.assertEqual(run.returncode, 0, run.stdout)
-        message = None
         for key in (first, last):
-            answer = compute('pmr', key)
+            answer = tracker.compute_shift('pmr', key)
             self.assertTrue(answer.success, answer.message)
-            while message is None or message.to_key != key or message.from_key != 'pmr':
-                message = rospy.wait_for_message('/shift/field', DisplacementField, timeout=30)
-            field = field_from_message(message)
+            field = field_from_message(tracker.field('pmr', key))
             start, found = (values[::4, ::4].reshape(-1, 3) for values in (field.start, field.displacement))
             known = np.isfinite(found).all(-1)
             lines = tool('cortshift_stereo', 'phantom_truth', CASE, 'undeformed', key,
