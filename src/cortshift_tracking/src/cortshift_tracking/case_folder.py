@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.geometry import local_frame
-from cortshift_tracking.messages import Field, Stage, field_from_message, stage_from_messages
+from cortshift_tracking.messages import MR_KEY, Field, Stage, field_from_message, stage_from_messages
 from cortshift_tracking.probe import gravity_direction
 from cortshift_tracking.probe_store import FILE_NAME, read_points
 
@@ -91,7 +91,7 @@ def read_case(folder):
                         + (f' (not readable: {"; ".join(unread)})' if unread else ''))
     stages.sort(key=lambda stage: stage.stamp)
     order = {stage.key: n for n, stage in enumerate(stages)}
-    order.setdefault('pmr', -1)
+    order.setdefault(MR_KEY, -1)
     fields = sorted(fields.values(), key=lambda f: (order.get(f.to_key, 99) - order.get(f.from_key, 99), order.get(f.from_key, 99)))
     point_folders = {os.path.dirname(path) for path in _paths(folder, FILE_NAME)}
     points = [point for place in sorted(point_folders) for point in read_points(place)]

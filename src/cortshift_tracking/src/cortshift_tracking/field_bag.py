@@ -1,6 +1,4 @@
 """Writes a Field as a bag with a DisplacementField on /shift/field, as process_bag does."""
-import os
-
 import numpy as np
 import rosbag
 import rospy
@@ -8,6 +6,8 @@ from cortshift_msgs.msg import DisplacementField, ShiftSummary
 from geometry_msgs.msg import Pose
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2, PointField
+
+from cortshift_tracking.durable import replacing
 
 
 def summarise(field, overlap, seconds, first_normal_pmr, gravity_pmr=None):
@@ -54,13 +54,7 @@ def to_message(field, summary):
 
 
 def write_field(path, field, summary):
-    """Write the bag; nothing is left behind where that fails. Raises OSError."""
+    """Write the bag durably; nothing is left behind where that fails. Raises OSError."""
     message = to_message(field, summary)
-    partial = path + '.part'
-    try:
-        with rosbag.Bag(partial, 'w', compression='lz4') as bag:
-            bag.write('/shift/field', message, message.header.stamp)
-        os.replace(partial, path)
-    finally:
-        if os.path.exists(partial):
-            os.unlink(partial)
+    with replacing(path) as temporary, rosbag.Bag(temporary, 'w', compression='lz4') as bag:
+        bag.write('/shift/field', message, message.header.stamp)

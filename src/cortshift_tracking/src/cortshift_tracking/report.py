@@ -65,7 +65,7 @@ def make_report(folder, mr=None, axes='RAS', title=None):
     sections = [_head(case, title or os.path.basename(os.path.abspath(folder))), _warning_box(warnings), _calibration(case),
                 _timeline(case), _table('Displacement between stages (Table 3 of the paper)', TABLE_3_HEADER, third,
                                         'Mean and standard deviation over all trusted points. Gravity: positive with it. Normal: of '
-                                        'the first stage, positive bulging. Lateral: across that normal. Angle: between the two. pmr: the '
+                                        'the first stage, positive bulging. Lateral: across that normal. Angle: from gravity to the normal. pmr: the '
                                         'brain of the preoperative MR. The points include what lies around the craniotomy. Empty: not '
                                         'known.')]
     if second:
@@ -83,8 +83,9 @@ def make_report(folder, mr=None, axes='RAS', title=None):
         sections.append(f'<h2>Surfaces in the preoperative MR</h2>{_picture(picture, "cross-sections of every stage on MR slices")}'
                         f'<p class="small">{_text(os.path.basename(mr))}: voxels {_text(volume.orientation)}, '
                         f'{" x ".join(f"{v * 1000:.3g}" for v in volume.spacing)} mm; pmr is {axes}; slices through the middle of '
-                        f'the first surface, in radiological order. A gap in a section: no surface, or one of a confidence below '
-                        f'{SECTION_CONFIDENCE:g}. {_text("; ".join(volume.notes))}</p>')
+                        f'the first surface, in radiological order. The MR is from before any shift: what lies above its cortex has '
+                        f'bulged, what lies below has sunk. A gap in a section: no surface, or one of a confidence below '
+                        f'{SECTION_CONFIDENCE:g}. Header: {_text("; ".join(volume.notes))}.</p>')
     else:
         sections.append('<h2>Surfaces in the preoperative MR</h2><p>No MR was given (--mr).</p>')
     sections += [_pair(case, field) for field in case.fields]
@@ -127,7 +128,7 @@ def _warnings(case):
         shown = field.valid.mean()
         if shown < 0.3:
             found.append(f'{name}: only {shown:.0%} of the plane carries a trusted vector')
-        if field.from_key == 'pmr':  # its border lies on the brain
+        if field.from_mr:  # its border lies on the brain
             continue
         median, high, common, count = immobile_misalignment(field)
         if median > RIM_WARNING:
@@ -232,20 +233,19 @@ def _table(title, header, rows, note, transpose=False):
 def _pair(case, field):
     keys = {stage.key for stage in case.stages}
     name = f'{field.from_key} \u2192 {field.to_key}'
-    heading = f'<h2 class="pair">{_text(name)}</h2>'
+    heading = f'<h2 class="pair">{_text(name)}{" (since the preoperative MR)" if field.from_mr else ""}</h2>'
     if not field.valid.any():
         return f'{heading}<p>No vector can be trusted.</p>'
     parts = [heading]
-    from_mr = field.from_key == 'pmr'
-    if field.to_key in keys and (from_mr or field.from_key in keys):
-        first = figures.mr_vessels(field) if from_mr else figures.project_colour(case.stage(field.from_key), field)
-        about = 'the MR (vessels drawn dark)' if from_mr else 'earlier'
+    if field.to_key in keys and (field.from_mr or field.from_key in keys):
+        first = figures.mr_vessels(field) if field.from_mr else figures.project_colour(case.stage(field.from_key), field)
+        about = 'the MR (vessels drawn dark)' if field.from_mr else 'earlier'
         parts.append(_picture(figures.overlay_figure(first, case.stage(field.to_key), field), f'overlays of {name}',
                               f'Overlay: red {about}, green later, yellow where they agree'))
     maps = figures.component_figure(field, case.gravity_pmr, case.first_normal_pmr)
     parts.append(_picture(maps, f'maps of {name}', 'Displacement'))
     parts.append(_picture(figures.vector_figure(field), f'vectors of {name}', 'Vectors on the earlier surface'))
-    if from_mr:  # vessels tell where the brain went, but too coarsely for its strain
+    if field.from_mr:  # vessels tell where the brain went, but too coarsely for its strain
         parts.append(_picture(figures.confidence_figure(field), f'confidence of {name}', 'Confidence'))
         return '\n'.join(parts)
     parts.append(_picture(figures.trust_figure(field), f'confidence and strain of {name}', 'Confidence and strain'))

@@ -90,7 +90,7 @@ def overlay_figure(first, later, field):
     moved = cv2.remap(np.nan_to_num(second), np.where(known, column + plane[..., 0], -10).astype(np.float32),
                       np.where(known, row + plane[..., 1], -10).astype(np.float32), cv2.INTER_LINEAR, borderValue=0)
     # One stretch for both, so that a change of the light stays visible; MR and photograph have no light in common.
-    shared = first if field.from_key != 'pmr' else None
+    shared = None if field.from_mr else first
 
     def stretch(image):
         low, high = np.nanpercentile(image if shared is None else shared, (1, 99))

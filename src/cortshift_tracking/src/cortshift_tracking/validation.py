@@ -185,7 +185,7 @@ def table_3(case):
             along = field.displacement[field.valid] @ gravity
             pairs[1] = float(along.mean()), float(along.std(ddof=1))
             angle = float(np.arccos(np.clip(case.first_normal_pmr @ gravity, -1, 1)))
-        minutes = (field.to_stamp - field.from_stamp) / 60 if field.from_key != 'pmr' else float('nan')
+        minutes = float('nan') if field.from_mr else (field.to_stamp - field.from_stamp) / 60
         rows.append([f'{field.from_key} -> {field.to_key}', minutes] + [1000 * v for pair in pairs for v in pair] +
                     [np.degrees(angle), s.compute_time, 100 * s.overlap, int(s.valid_points)])
     return rows
