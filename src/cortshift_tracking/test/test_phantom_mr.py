@@ -13,7 +13,7 @@ from cortshift_tracking.errors import VolumeError
 from cortshift_tracking.field_bag import summarise, write_field
 from cortshift_tracking.messages import Stage, field_from_message
 from cortshift_tracking.mr import load_volume
-from cortshift_tracking.mr_cortex import CortexSettings, distances_to_cortex, extract_cortex
+from cortshift_tracking.mr_cortex import CortexSettings, CortexSurface, distances_to_cortex, extract_cortex
 from cortshift_tracking.mr_registration import register_to_mr
 from cortshift_tracking.volume import Volume
 
@@ -149,6 +149,25 @@ def test_known_shift_against_the_mr_is_recovered(folder, stages, tmp_path):
     assert largest > 4.5
     assert np.median(error) <= 0.5 and covered >= 0.7
     assert np.mean(~inside) < 0.03  # bone is not taken for brain
+
+
+def test_distance_to_the_cortex_is_that_of_geometry():
+    radius, half, step = 0.06, 0.02, 0.0005
+    x, y = np.meshgrid(np.arange(-half, half, step), np.arange(half, -half, -step))  # rows go down
+    surface = np.stack([x, y, np.sqrt(radius ** 2 - x ** 2 - y ** 2)], -1)
+    cortex = CortexSurface(surface, None, None, np.array([0.0, 0, 1]))
+    random = np.random.default_rng(3)
+    direction = np.column_stack([random.uniform(-0.3, 0.3, (500, 2)), np.ones(500)])
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    height = random.uniform(-0.001, 0.001, 500)
+    assert np.abs(distances_to_cortex(direction * (radius + height)[:, None], cortex) - height).max() < 2e-6  # sagitta
+    assert np.isnan(distances_to_cortex([[half + 0.003, 0, np.sqrt(radius ** 2 - half ** 2)]], cortex)).all()
+
+
+def test_mr_that_fills_the_memory_is_refused(folder):
+    run = subprocess.run(['rosrun', 'cortshift_stereo', 'phantom_mr', CASE, str(folder / 'huge.nii'), '--voxel', '0.2'],
+                         stderr=subprocess.PIPE, universal_newlines=True, check=False)
+    assert run.returncode == 1 and 'voxels a side, allowed are 800' in run.stderr and not (folder / 'huge.nii').exists()
 
 
 def test_surface_far_from_the_head_is_refused(folder, stages):

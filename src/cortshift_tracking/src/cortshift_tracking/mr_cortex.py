@@ -184,7 +184,7 @@ def _outermost(inside, low, top, step, u, v):
 def distances_to_cortex(points_pmr, cortex):
     """Distance [m] of points (N, 3) from an extracted CortexSurface, positive outside; NaN beyond its border.
 
-    Exact for the mesh: the nearest of the facets around the nearest vertex.
+    To the nearest of the facets around the nearest vertex, so never less than the exact distance.
     """
     points = np.asarray(points_pmr, float)
     flat = cortex.points.reshape(-1, 3)
@@ -193,7 +193,7 @@ def distances_to_cortex(points_pmr, cortex):
     around = _facets_of_vertices(corners, len(flat))
     used = np.flatnonzero((around >= 0).any(1))
     nearest = used[cKDTree(flat[used]).query(points)[1]]
-    best, signed = np.full(len(points), np.inf), np.full(len(points), np.nan)
+    best, signed, aside = np.full(len(points), np.inf), np.full(len(points), np.nan), np.full(len(points), np.inf)
     for column in around.T:
         rows = np.flatnonzero(column[nearest] >= 0)
         facet = flat[corners[column[nearest[rows]]]]
@@ -201,11 +201,13 @@ def distances_to_cortex(points_pmr, cortex):
         gap = points[rows] - foot
         length = np.linalg.norm(gap, axis=-1)
         outward = np.cross(facet[:, 2] - facet[:, 0], facet[:, 1] - facet[:, 0])
+        outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
+        height = (gap * outward).sum(-1)
         closer = length < best[rows]
         best[rows[closer]] = length[closer]
-        signed[rows[closer]] = np.where((gap * outward).sum(-1) < 0, -length, length)[closer]
-    # Off the border the nearest point lies on an edge, and the gap is not across the surface.
-    return signed
+        signed[rows[closer]] = np.where(height < 0, -length, length)[closer]
+        aside[rows[closer]] = np.linalg.norm(gap - height[:, None] * outward, axis=-1)[closer]
+    return np.where(aside < 3 * spacing, signed, np.nan)  # beyond the border the gap is not across the surface
 
 
 def _facets_of_vertices(corners, count):

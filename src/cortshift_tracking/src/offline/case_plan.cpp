@@ -125,6 +125,10 @@ void CasePlan::check() {
   std::stable_sort(captures.begin(), captures.end(),
                    [](const PlannedCapture& a, const PlannedCapture& b) { return a.seconds < b.seconds; });
   const auto place = [&](const std::string& key, const PlannedShift& shift) {
+    if (key == kMrKey)
+      throw PlanError("shift " + shift.from + ":" + shift.to +
+                      ": a stage is registered to the preoperative MR after the case is processed, by `rosrun "
+                      "cortshift_tracking register_mr DIR STAGE MR`, DIR being the output folder");
     const auto found =
         std::find_if(captures.begin(), captures.end(), [&](const PlannedCapture& c) { return c.key == key; });
     if (found == captures.end())

@@ -32,6 +32,7 @@ struct MrVolume {
 
 /// The undeformed head. Inside the craniotomy its cortex is the surface PhantomScene::sample(kUndeformed, ...) exactly;
 /// around it skull and scalp close over the brain, a ball of the dome's radius beyond.
+/// @throws PhantomCaseError for settings that are not allowed, or would make a volume of more than a gigabyte
 MrVolume makeMr(const PhantomScene& scene, const MrSettings& settings = {});
 
 /// NIfTI-1, one file, int16, mm, RAS, sform and qform with scanner code. @throws std::runtime_error
