@@ -345,6 +345,10 @@ TEST_F(ShiftTrackerNode, ShiftFromTheMrGoesOnFromTheStageThatIsRegisteredToIt) {
   EXPECT_FALSE(stale.success);
   holds(stale.message, "of another capture than stage 'a'");
 
+  const auto backwards = compute("a", "pmr");
+  EXPECT_FALSE(backwards.success);
+  holds(backwards.message, "the preoperative MR comes before every stage");
+
   leave(stages[0]);
   const auto direct = compute("pmr", "a");
   ASSERT_TRUE(direct.success) << direct.message;
