@@ -216,8 +216,11 @@ def test_nothing_to_capture(recorded, tmp_path):
 
 @pytest.mark.parametrize('arguments, reason', [
     (['--capture', 'a'], 'KEY@SECONDS'), (['--capture', 'a b@1'], 'a b'), (['--capture', 'a@x'], 'not a number'),
-    (['--capture', 'a@1', 'a@2'], 'twice'), (['--capture', 'a@1x0'], 'allowed is 1 to 64'), (['--capture', 'a@1x2.5'], 'allowed is 1 to 64'),
-    (['--capture', 'pmr@1'], 'stands for the preoperative MR'), (['--capture', 'a@1', '--shift', 'pmr:a'], 'register_mr DIR STAGE MR'), (['--capture', 'a@-1'], 'before'), ([], 'nothing to capture'),
+    (['--capture', 'a@1', 'a@2'], 'twice'), (['--capture', 'a@1x0'], 'allowed is 1 to 64'),
+    (['--capture', 'a@1x2.5'], 'allowed is 1 to 64'),
+    (['--capture', 'pmr@1'], 'stands for the preoperative MR'),
+    (['--capture', 'a@1', '--shift', 'pmr:a'], 'register_mr DIR STAGE MR'),
+    (['--capture', 'a@-1'], 'before'), ([], 'nothing to capture'),
     (['--capture', 'a@1', '--shift', 'a:b'], "'b' is not captured"), (['--capture', 'a@2', 'b@1', '--shift', 'a:b'], 'swap'),
     (['--capture', 'a@1', '--shift', 'a'], 'FROM:TO'), (['--capture', 'a@1', '--threads', '1.5'], '--threads'),
     (['--capture', 'a@1', '--gravity', '0,0,0'], 'direction'), (['--capture', 'a@1', '--nonsense', '1'], 'no such option')])
