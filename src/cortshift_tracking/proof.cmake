@@ -3,7 +3,7 @@ catkin_python_setup()
 catkin_install_python(PROGRAMS scripts/case_report scripts/digital_phantom scripts/probe scripts/register_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
-  set(PROOF_TESTS test_mr test_cross_section test_probe test_validation test_report test_phantom_mr)
+  set(PROOF_TESTS test_mr test_cross_section test_digital_phantom test_probe test_validation test_report test_phantom_mr)
   list(TRANSFORM PROOF_TESTS REPLACE "(.+)" "test/\\1.py")
   list(JOIN PROOF_TESTS " " PROOF_TESTS)
   catkin_run_tests_target("pytest" proof "pytest-proof.xml"

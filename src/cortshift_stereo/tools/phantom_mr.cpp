@@ -11,7 +11,7 @@ namespace {
 constexpr const char* kUsage =
     "usage: phantom_mr CASE.yaml OUT.nii [--voxel MM] [--noise SD] [--side MM]\n"
     "Writes a T1-weighted NIfTI volume with contrast agent of the case's undeformed head, in pmr (RAS).\n"
-    "  --voxel MM   side of a voxel, 0.4 to 2 (default 0.8)\n"
+    "  --voxel MM   side of a voxel, 0.1 to 2 (default 0.8)\n"
     "  --noise SD   standard deviation of the noise; white matter is 150 (default 2)\n"
     "  --side MM    only a cube of this side around the middle of the craniotomy, 20 to 300\n";
 

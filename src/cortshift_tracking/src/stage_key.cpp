@@ -21,4 +21,10 @@ void requireKey(const std::string& key) {
     throw TrackingError("key '" + key.substr(0, 64) + "...' has " + std::to_string(key.size()) + " characters" + rule);
 }
 
+void requireKeyOfCapture(const std::string& key) {
+  requireKey(key);
+  if (key == kMrKey)
+    throw TrackingError("key '" + key + "' stands for the preoperative MR; choose another for a captured stage");
+}
+
 }  // namespace cortshift_tracking

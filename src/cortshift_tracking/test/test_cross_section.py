@@ -1,7 +1,7 @@
 """Sections of surfaces and volumes, against geometry that is known."""
 import numpy as np
 import pytest
-from cortshift_tracking.cross_section import cut, mr_section, picture_axes
+from cortshift_tracking.cross_section import SECTION_CONFIDENCE, cut, mr_section, picture_axes, sure_points
 from cortshift_tracking.errors import VolumeError
 from cortshift_tracking.mr import load_volume
 from cortshift_tracking.slice_figure import draw_slices
@@ -39,6 +39,15 @@ def test_section_keeps_holes_and_steps_open():
     assert len(cut(cap(), 0, 0.5)) == 0
 
 
+def test_section_has_a_gap_where_the_surface_is_not_sure():
+    confidence = np.ones(cap().shape[:2])
+    confidence[90:110] = SECTION_CONFIDENCE - 0.01
+    confidence[:5] = np.nan
+    assert np.abs(cut(sure_points(cap(), confidence), 0, 0.0)[..., 1]).min() > 0.0013
+    assert np.isfinite(sure_points(cap(), np.full(confidence.shape, SECTION_CONFIDENCE))).all()
+    assert not len(cut(sure_points(cap(), np.zeros(confidence.shape)), 0, 0.0))
+
+
 @pytest.mark.parametrize('axes, sign', [('RAS', 1), ('LPS', -1)])
 def test_slices_show_a_landmark_in_its_place(axes, sign):
     data = np.zeros((40, 50, 60), np.float32)
@@ -66,7 +75,9 @@ def test_slices_show_a_landmark_in_its_place(axes, sign):
 
 def test_figure_draws_every_stage_on_a_real_head(tmp_path):
     volume = load_volume(CH2)
-    surfaces = [('first', cap((0.03, 0.02, 0.0))), ('second', cap((0.03, 0.02, -0.002)))]
+    doubtful = np.full(cap().shape[:2], 0.9)
+    doubtful[:doubtful.shape[0] // 4] = 0.9 * SECTION_CONFIDENCE
+    surfaces = [('first', cap((0.03, 0.02, 0.0)), np.ones(doubtful.shape)), ('second', cap((0.03, 0.02, -0.002)), doubtful)]
     figure = draw_slices(volume, surfaces)
     figure.savefig(tmp_path / 'slices.png')
     panels = figure.axes
@@ -77,12 +88,12 @@ def test_figure_draws_every_stage_on_a_real_head(tmp_path):
     coronal = panels[1].lines[1].get_xydata()  # mm
     first = coronal[np.isfinite(coronal).all(1)]
     assert np.abs(np.hypot(first[:, 0] - 30, first[:, 1]) - 60).max() < 0.01
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ['first', 'second']
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ['first (100% drawn)', 'second (75% drawn)']
 
 
 def test_surface_beside_the_head_is_refused():
     volume = load_volume(CH2)
     with pytest.raises(VolumeError, match='"elsewhere" lies outside.*registration'):
-        draw_slices(volume, [('elsewhere', cap((0.3, 0, 0)))])
+        draw_slices(volume, [('elsewhere', cap((0.3, 0, 0)), np.ones(cap().shape[:2]))])
     with pytest.raises(VolumeError, match='"empty" has no points'):
-        draw_slices(volume, [('empty', np.full((4, 4, 3), np.nan))])
+        draw_slices(volume, [('empty', np.full((4, 4, 3), np.nan), np.ones((4, 4)))])

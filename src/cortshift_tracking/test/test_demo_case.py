@@ -3,8 +3,10 @@
 import io
 import os
 import re
+import shlex
 import shutil
 import subprocess
+import sys
 import unittest
 from dataclasses import replace
 
@@ -14,7 +16,11 @@ import rospy
 import rostest
 import yaml
 from cortshift_tracking.case_folder import read_case
+from cortshift_tracking.messages import field_from_message
 from cortshift_tracking.validation import compare_pair, read_picks, surface_accuracy, table_2, table_3
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from graph import ShiftTracker  # noqa: E402
 
 CASE = os.path.join(rospkg.RosPack().get_path('cortshift_tracking'), '..', '..', 'config', 'phantom', 'phantom_case.yaml')
 PROBE_NOISE = 0.0003  # [m]
@@ -112,14 +118,41 @@ class DemoCase(unittest.TestCase):
             self.assertTrue(np.isfinite(row[1:]).all())
             self.assertTrue(row[4] > 0 > row[6])  # it sinks
 
-    def test_5_report_with_the_mr(self):
+    def test_5_shift_from_the_mr(self):
+        """While the graph runs: registered to the first stage, and on to the last one by the flow between them."""
+        first, last = self.case.stages[0].key, self.case.stages[-1].key
+        tracker = ShiftTracker()
+        refused = tracker.compute_shift('pmr', last)
+        self.assertFalse(refused.success)
+        command = re.search('run `rosrun cortshift_tracking (.*) MR`', refused.message).group(1)
         mr = os.path.join(self.folder, 'pmr.nii')
-        first = self.case.stages[0].key
         for package, name, *arguments in (('cortshift_stereo', 'phantom_mr', CASE, mr, '--voxel', '1'),
-                                          ('cortshift_tracking', 'register_mr', self.folder, first, mr),
-                                          ('cortshift_tracking', 'case_report', self.folder, '--no-pdf')):
+                                          ('cortshift_tracking', *shlex.split(command), mr)):
             run = tool(package, name, *arguments)
             self.assertEqual(run.returncode, 0, run.stdout)
+        for key in (first, last):
+            answer = tracker.compute_shift('pmr', key)
+            self.assertTrue(answer.success, answer.message)
+            field = field_from_message(tracker.field('pmr', key))
+            start, found = (values[::4, ::4].reshape(-1, 3) for values in (field.start, field.displacement))
+            known = np.isfinite(found).all(-1)
+            lines = tool('cortshift_stereo', 'phantom_truth', CASE, 'undeformed', key,
+                         text=''.join('{:.9f},{:.9f},{:.9f}\n'.format(*place) for place in start[known])).stdout
+            table = np.genfromtxt(io.StringIO(lines), delimiter=',', names=True)
+            true = np.stack([table[name] for name in ('dx_m', 'dy_m', 'dz_m')], -1)
+            error = np.linalg.norm(found[known] - true, axis=-1)[table['rim_m'] > 0]
+            print(f'pmr to {key}: shift up to {np.linalg.norm(true, axis=-1).max() * 1000:.2f} mm; error median '
+                  f'{np.median(error) * 1000:.3f} mm, 90th percentile {np.percentile(error, 90) * 1000:.3f} mm, '
+                  f'{len(error) * (4 * field.resolution) ** 2 * 1e4:.1f} cm2')
+            self.assertLessEqual(np.median(error), 0.0005)
+            self.assertGreater(len(error) * (4 * field.resolution) ** 2, 0.0010)
+            self.assertEqual(answer.summary.valid_points, field.valid.sum())
+            self.assertTrue(np.isfinite(answer.summary.gravity_mean))
+
+    def test_6_report_with_the_mr(self):
+        first = self.case.stages[0].key
+        run = tool('cortshift_tracking', 'case_report', self.folder, '--no-pdf')
+        self.assertEqual(run.returncode, 0, run.stdout)
         path = os.path.join(self.folder, 'report.html')
         self.assertLess(os.path.getsize(path), 20e6)
         with open(path, encoding='utf-8') as file:
@@ -131,7 +164,7 @@ class DemoCase(unittest.TestCase):
         self.assertIn('built-in phantom, phantom_case.yaml', page)  # the calibration
         self.assertNotIn('Warnings', page)
 
-    def test_6_missing_stage(self):
+    def test_7_missing_stage(self):
         run = tool('cortshift_tracking', 'register_mr', self.folder, 'closing', 'none.nii')
         self.assertEqual(run.returncode, 1)
         self.assertIn('no stage "closing"; there are: dural_opening, early_resection, after_resection', run.stdout)

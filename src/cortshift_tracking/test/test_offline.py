@@ -216,7 +216,11 @@ def test_nothing_to_capture(recorded, tmp_path):
 
 @pytest.mark.parametrize('arguments, reason', [
     (['--capture', 'a'], 'KEY@SECONDS'), (['--capture', 'a b@1'], 'a b'), (['--capture', 'a@x'], 'not a number'),
-    (['--capture', 'a@1', 'a@2'], 'twice'), (['--capture', 'a@-1'], 'before'), ([], 'nothing to capture'),
+    (['--capture', 'a@1', 'a@2'], 'twice'), (['--capture', 'a@1x0'], 'allowed is 1 to 64'),
+    (['--capture', 'a@1x2.5'], 'allowed is 1 to 64'),
+    (['--capture', 'pmr@1'], 'stands for the preoperative MR'),
+    (['--capture', 'a@1', '--shift', 'pmr:a'], 'register_mr DIR STAGE MR'),
+    (['--capture', 'a@-1'], 'before'), ([], 'nothing to capture'),
     (['--capture', 'a@1', '--shift', 'a:b'], "'b' is not captured"), (['--capture', 'a@2', 'b@1', '--shift', 'a:b'], 'swap'),
     (['--capture', 'a@1', '--shift', 'a'], 'FROM:TO'), (['--capture', 'a@1', '--threads', '1.5'], '--threads'),
     (['--capture', 'a@1', '--gravity', '0,0,0'], 'direction'), (['--capture', 'a@1', '--nonsense', '1'], 'no such option')])
@@ -268,6 +272,18 @@ def test_mean_of_pairs(recorded, tmp_path, config):
                             if 'dural' in n)) as single:
         clouds = [next(bag.read_messages('/surface/points')).message for bag in (mean, single)]
     assert clouds[0].header.stamp == clouds[1].header.stamp and clouds[0].data != clouds[1].data
+
+
+def test_mean_of_the_next_pairs(recorded, tmp_path):
+    """Asked for with the capture: from pairs of one view, or not at all."""
+    plan = {'captures': [{'key': 'dural_opening', 'at': 2.5, 'pairs': 2}]}
+    (tmp_path / 'plan.yaml').write_text(yaml.safe_dump(plan))
+    told, _ = run_tool('process_bag', recorded[0], '--plan', tmp_path / 'plan.yaml', '--output', tmp_path / 'out', '--config',
+                       cases.CONFIG)
+    assert 'mean of 2 pairs' in told
+    _, said = run_tool('process_bag', recorded[0], '--capture', 'a@2.5x3', '--output', tmp_path / 'none', '--config', cases.CONFIG,
+                       status=1)
+    assert "stage 'a' was not captured: only " in said and ' of 3 pairs of one view came, of 3 pairs in all' in said
 
 
 # ---- validate_bag

@@ -10,6 +10,7 @@
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <gtest/gtest.h>
 #include <ros/ros.h>
+#include <rosbag/bag.h>
 #include <sensor_msgs/Image.h>
 #include <tf2_msgs/TFMessage.h>
 #include <visualization_msgs/MarkerArray.h>
@@ -115,6 +116,28 @@ class ShiftTrackerNode : public testing::Test {
     if (text.find(part) != std::string::npos) return true;
     ADD_FAILURE() << "'" << part << "' is not in: " << text;
     return false;
+  }
+
+  /// Checks a field from the scene at rest to the sagged one. Returns the true displacements of its points [m].
+  static std::vector<Eigen::Vector3d> expectTheTruth(const DisplacementField& field, std::size_t points,
+                                                     std::size_t fewest) {
+    std::vector<Eigen::Vector3d> truths;
+    std::vector<double> errors;
+    for (int row = 0; row < field.frame.size.height; ++row)
+      for (int column = 0; column < field.frame.size.width; ++column) {
+        const cv::Vec3f p = field.start_pmr.at<cv::Vec3f>(row, column),
+                        d = field.displacement_pmr.at<cv::Vec3f>(row, column);
+        if (std::isnan(d[0])) continue;
+        truths.push_back(scene->displacement_pmr({p[0], p[1], p[2]}, AnalyticScene::atRest(), kSag));
+        errors.push_back((truths.back() - Eigen::Vector3d(d[0], d[1], d[2])).norm());
+      }
+    EXPECT_EQ(errors.size(), points);
+    EXPECT_GT(errors.size(), fewest);
+    if (errors.empty()) return truths;
+    std::sort(errors.begin(), errors.end());
+    EXPECT_LT(errors[errors.size() / 2], 0.00003);
+    EXPECT_LT(errors[errors.size() * 95 / 100], 0.00015);
+    return truths;
   }
 
   static const AnalyticScene::Deformation kSag;
@@ -248,26 +271,15 @@ TEST_F(ShiftTrackerNode, FieldHasTheNumbersOfTheTruth) {
   EXPECT_EQ(message->summary.valid_points, answer.summary.valid_points);
 
   const DisplacementField field = fieldFromMessage(*message);
-  std::vector<double> errors;
+  const std::vector<Eigen::Vector3d> truths = expectTheTruth(field, answer.summary.valid_points, 20000);
   double sum = 0, gravity = 0;
   const Eigen::Vector3d down = Eigen::Vector3d(0.1, 0.2, -2.0).normalized();
-  for (int row = 0; row < field.frame.size.height; ++row)
-    for (int column = 0; column < field.frame.size.width; ++column) {
-      const cv::Vec3f p = field.start_pmr.at<cv::Vec3f>(row, column),
-                      d = field.displacement_pmr.at<cv::Vec3f>(row, column);
-      if (std::isnan(d[0])) continue;
-      const Eigen::Vector3d truth = scene->displacement_pmr({p[0], p[1], p[2]}, AnalyticScene::atRest(), kSag);
-      errors.push_back((truth - Eigen::Vector3d(d[0], d[1], d[2])).norm());
-      sum += truth.norm();
-      gravity += truth.dot(down);
-    }
-  ASSERT_EQ(errors.size(), answer.summary.valid_points);
-  ASSERT_GT(errors.size(), 20000U);
-  std::sort(errors.begin(), errors.end());
-  EXPECT_LT(errors[errors.size() / 2], 0.00003);
-  EXPECT_LT(errors[errors.size() * 95 / 100], 0.00015);
-  EXPECT_NEAR(answer.summary.magnitude_mean, sum / static_cast<double>(errors.size()), 3e-5);
-  EXPECT_NEAR(answer.summary.gravity_mean, gravity / static_cast<double>(errors.size()), 3e-5);
+  for (const Eigen::Vector3d& truth : truths) {
+    sum += truth.norm();
+    gravity += truth.dot(down);
+  }
+  EXPECT_NEAR(answer.summary.magnitude_mean, sum / static_cast<double>(truths.size()), 3e-5);
+  EXPECT_NEAR(answer.summary.gravity_mean, gravity / static_cast<double>(truths.size()), 3e-5);
   EXPECT_LT(answer.summary.normal_mean, -0.001);
   EXPECT_GT(answer.summary.overlap, 0.7);
   EXPECT_GT(answer.summary.compute_time, 0.0);
@@ -284,6 +296,86 @@ TEST_F(ShiftTrackerNode, FieldHasTheNumbersOfTheTruth) {
     EXPECT_EQ(image->encoding, "bgr8");
     EXPECT_EQ(image->width, 1024U);
   }
+}
+
+TEST_F(ShiftTrackerNode, TheKeyOfTheMrIsNotForCaptures) {
+  publish(cloudOf(rest, ros::Time::now()));
+  const auto response = capture("pmr");
+  EXPECT_FALSE(response.success);
+  holds(response.message, "'pmr' stands for the preoperative MR");
+  EXPECT_TRUE(list().empty());
+}
+
+TEST_F(ShiftTrackerNode, ShiftFromTheMrGoesOnFromTheStageThatIsRegisteredToIt) {
+  const AnalyticScene::Deformation first = sagAndShift(0.002, 0.0006);
+  publish(cloudOf(scene->see(camera, first), ros::Time::now()));
+  ASSERT_TRUE(capture("a").success);
+  publish(cloudOf(sagged, ros::Time::now()));
+  ASSERT_TRUE(capture("b").success);
+  const auto stages = list();
+  std::string folder;
+  ASSERT_TRUE(ros::param::get("~case_folder", folder));
+
+  const auto none = compute("pmr", "b");
+  EXPECT_FALSE(none.success);
+  holds(none.message, "rosrun cortshift_tracking register_mr '" + folder + "' a MR");
+
+  // As register_mr leaves it: the brain at rest is that of the MR.
+  ShiftResult registered;
+  registered.field.frame = fitProjectionFrame(rest, {0.0002, 0});
+  const Projection projection = project(rest, registered.field.frame);
+  const cv::Size size = registered.field.frame.size;
+  registered.field.start_pmr = cv::Mat(size, CV_32FC3, cv::Scalar::all(std::nan("")));
+  registered.field.displacement_pmr = registered.field.start_pmr.clone();
+  registered.field.colour = cv::Mat(size, CV_8UC3, cv::Scalar(90, 90, 90));
+  registered.field.confidence = cv::Mat(size, CV_32FC1, cv::Scalar(0.9));
+  for (int row = 0; row < size.height; ++row)
+    for (int column = 0; column < size.width; ++column) {
+      if (projection.mask.at<uchar>(row, column) == 0) continue;
+      const Eigen::Vector3d p =
+          registered.field.frame.T_pmr_projection *
+          Eigen::Vector3d(0.0002 * column, 0.0002 * row, projection.height.at<float>(row, column));
+      const Eigen::Vector3d d = scene->displacement_pmr(p, AnalyticScene::atRest(), first);
+      registered.field.start_pmr.at<cv::Vec3f>(row, column) = cv::Vec3d(p.x(), p.y(), p.z());
+      registered.field.displacement_pmr.at<cv::Vec3f>(row, column) = cv::Vec3d(d.x(), d.y(), d.z());
+    }
+  registered.summary.overlap = 1;
+  cortshift_msgs::StageInfo mr;
+  mr.key = "pmr";
+  mr.stamp = stages[0].stamp;
+  std::filesystem::create_directories(folder + "/fields");
+  const auto leave = [&](const cortshift_msgs::StageInfo& to) {
+    rosbag::Bag bag(folder + "/fields/pmr__a.bag", rosbag::bagmode::Write);
+    bag.write("/shift/field", ros::Time(1), toMessage(registered.field, registered.summary, mr, to));
+  };
+
+  auto recaptured = stages[0];
+  recaptured.stamp += ros::Duration(1);
+  leave(recaptured);
+  const auto stale = compute("pmr", "a");
+  EXPECT_FALSE(stale.success);
+  holds(stale.message, "of another capture than stage 'a'");
+
+  const auto backwards = compute("a", "pmr");
+  EXPECT_FALSE(backwards.success);
+  holds(backwards.message, "the preoperative MR comes before every stage");
+
+  leave(stages[0]);
+  const auto direct = compute("pmr", "a");
+  ASSERT_TRUE(direct.success) << direct.message;
+  EXPECT_EQ(direct.summary.from_key, "pmr");
+  const auto onwards = compute("pmr", "b");
+  ASSERT_TRUE(onwards.success) << onwards.message;
+  EXPECT_LT(onwards.summary.gravity_mean / direct.summary.gravity_mean, 3.5);
+  EXPECT_GT(onwards.summary.gravity_mean / direct.summary.gravity_mean, 1.5);
+  const auto message = latched<cortshift_msgs::DisplacementField>("/shift/field");
+  ASSERT_TRUE(message);
+  EXPECT_EQ(message->from_key, "pmr");
+  EXPECT_EQ(message->to_key, "b");
+  EXPECT_EQ(message->header.stamp, stages[1].stamp);
+  expectTheTruth(fieldFromMessage(*message), onwards.summary.valid_points, 5000);
+  ASSERT_TRUE(latched<sensor_msgs::Image>("/shift/overlay_after"));
+  std::filesystem::remove_all(folder + "/fields");
 }
 
 TEST_F(ShiftTrackerNode, RefusesPairsThatMakeNoShift) {

@@ -2,6 +2,7 @@
 import csv
 import os
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,6 +50,15 @@ def test_case_is_read_whole(exact):
     stage = exact.stages[0]
     assert stage.points.shape == (*synthetic.SIZE, 3) and np.isnan(stage.points[:6]).all()
     assert stage.colour[100, 100].tolist() != [0, 0, 0]  # packed rgb whose float is NaN is a colour all the same
+
+
+def test_everything_refers_to_the_normal_of_the_first_stage(exact):
+    normal = synthetic.T_PMR_PATCH[:3, 2]
+    assert np.allclose(exact.first_normal_pmr, exact.field(NAMES[0], NAMES[1]).normal_pmr)
+    turned = exact.fields[0].T_pmr_projection @ np.diag([1, -1, -1, 1])
+    from_mr = replace(exact.fields[0], from_key='pmr', T_pmr_projection=turned)
+    assert np.allclose(replace(exact, fields=[from_mr, *exact.fields]).first_normal_pmr, exact.first_normal_pmr)
+    assert replace(exact, fields=[from_mr]).first_normal_pmr @ normal > np.cos(np.radians(1))
 
 
 def test_exact_probe_and_field_agree(exact):

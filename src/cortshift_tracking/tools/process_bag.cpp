@@ -24,10 +24,11 @@ Capture stages from a recorded case and compute the displacement between them: t
 and a clock, as fast as the machine allows, and the same bits every time.
 
   --capture KEY@SECONDS ...  stages; SECONDS count from the bag's start. As in a replay: the surface of the newest pair
-                             that is not older than max_surface_age, else that of the next pair
+                             that is not older than max_surface_age, else that of the next pair.
+                             KEY@SECONDSxPAIRS: the mean of the next PAIRS pairs of one view, as capture_mean_stage
   --shift FROM:TO ...        displacement from an earlier to a later stage
   --plan FILE                YAML file with both in place of the two options:
-                               captures: [{key: K, at: SECONDS, note: TEXT}, ...]
+                               captures: [{key: K, at: SECONDS, pairs: PAIRS, note: TEXT}, ...]
                                shifts: [{from: K, to: K}, ...]
                                gravity: [x, y, z]
   --output DIR               new folder: stages/, FROM__TO.bag (DisplacementField on /shift/field), summary.csv [m, rad],

@@ -22,7 +22,8 @@ constexpr double kCorticalThickness = 0.0028;  // of grey matter on the crowns [
 constexpr double kSulcalDepth = 0.0090;        // how much deeper white matter begins under a sulcus [m]
 constexpr double kClosing = 0.018;             // outside the rim the dome passes into a ball over this width [m]
 constexpr double kTableStep = 0.0001;          // of the tables over the brain's plane [m]
-constexpr double kSmallest = 0.0004, kLargest = 0.002;      // voxel [m]
+constexpr double kSmallest = 0.0001, kLargest = 0.002;      // voxel [m]
+constexpr int kMostVoxels = 800;                            // a side of the volume: 1 GB
 constexpr double kSmallestSide = 0.02, kLargestSide = 0.3;  // of the volume [m]
 
 /// The undeformed cortex over the brain's plane, tabulated: closed forms cost too much for millions of samples.
@@ -150,6 +151,10 @@ MrVolume makeMr(const PhantomScene& scene, const MrSettings& settings) {
   const Eigen::Vector3d centre = T_pmr_brain * Eigen::Vector3d(0, 0, whole ? -ball : 0);
   const double reach = whole ? ball + kScalpTop + 0.004 : settings.side / 2;
   const int n = static_cast<int>(std::ceil(2 * reach / settings.voxel));
+  if (n > kMostVoxels)
+    throw PhantomCaseError("voxel = " + std::to_string(1000 * settings.voxel) + " mm makes " + std::to_string(n) +
+                           " voxels a side, allowed are " + std::to_string(kMostVoxels) +
+                           "; take larger ones, or a smaller side of the volume");
 
   MrVolume volume;
   volume.size = {n, n, n};

@@ -8,4 +8,10 @@ namespace cortshift_tracking {
 /// @throws TrackingError naming the key and what is wrong with it
 void requireKey(const std::string& key);
 
+/// Stands for the brain of the preoperative MR, which no capture may take.
+constexpr const char* kMrKey = "pmr";
+
+/// @throws TrackingError for what is no key, or stands for the preoperative MR
+void requireKeyOfCapture(const std::string& key);
+
 }  // namespace cortshift_tracking

@@ -1,7 +1,7 @@
 """A case on disk: stages, displacement fields, probe points, calibration; read without a master.
 
-A stage is a bag with /stage/info and /surface/points, a field one with /shift/field, wherever they lie in the folder or
-one below it (`set_aside` and `deleted` are left alone).
+A stage is a bag with /stage/info and /surface/points, a field one with /shift/field, wherever they lie in the folder, one
+below it or in the `fields` of one below it (`set_aside` and `deleted` are left alone).
 """
 import glob
 import os
@@ -14,7 +14,8 @@ import yaml
 from scipy import ndimage
 
 from cortshift_tracking.errors import CaseError
-from cortshift_tracking.messages import Field, Stage, field_from_message, stage_from_messages
+from cortshift_tracking.geometry import local_frame
+from cortshift_tracking.messages import MR_KEY, Field, Stage, field_from_message, stage_from_messages
 from cortshift_tracking.probe import gravity_direction
 from cortshift_tracking.probe_store import FILE_NAME, read_points
 
@@ -53,10 +54,19 @@ class Case:
             return gravity_direction(pair['gravity_upper'], pair['gravity_lower'])
         return None
 
+    @property
+    def first_normal_pmr(self):
+        """Average normal of the first stage, unit length, towards the microscope: what every summary refers to."""
+        first = self.stages[0]
+        for field in self.fields:
+            if field.from_key == first.key:
+                return field.normal_pmr
+        return local_frame(first.points).normal_pmr
+
 
 def _paths(folder, ending):
-    found = glob.glob(os.path.join(glob.escape(folder), '*' + ending)) + glob.glob(
-        os.path.join(glob.escape(folder), '*', '*' + ending))
+    found = [path for below in ((), ('*',), ('*', 'fields'))
+             for path in glob.glob(os.path.join(glob.escape(folder), *below, '*' + ending))]
     return sorted(p for p in found if os.path.basename(os.path.dirname(p)) not in LEFT_ALONE)
 
 
@@ -81,7 +91,7 @@ def read_case(folder):
                         + (f' (not readable: {"; ".join(unread)})' if unread else ''))
     stages.sort(key=lambda stage: stage.stamp)
     order = {stage.key: n for n, stage in enumerate(stages)}
-    order.setdefault('pmr', -1)
+    order.setdefault(MR_KEY, -1)
     fields = sorted(fields.values(), key=lambda f: (order.get(f.to_key, 99) - order.get(f.from_key, 99), order.get(f.from_key, 99)))
     point_folders = {os.path.dirname(path) for path in _paths(folder, FILE_NAME)}
     points = [point for place in sorted(point_folders) for point in read_points(place)]

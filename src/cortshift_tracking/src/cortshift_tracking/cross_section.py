@@ -8,6 +8,9 @@ import numpy as np
 PLANES = {'sagittal': 0, 'coronal': 1, 'axial': 2}
 #: What the pmr axes point to: (negative end, positive end).
 LETTERS = {'RAS': ('LR', 'PA', 'IS'), 'LPS': ('RL', 'AP', 'IS')}
+#: A section draws no point of lower confidence. At 0.7 the disparity is expected to deviate by 0.065 px, which at 300 mm from
+#: the phantom's stereo head is 0.06 mm in depth: five standard deviations stay within the 0.3 mm that a section is read to.
+SECTION_CONFIDENCE = 0.7
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,14 @@ def mr_section(volume, plane, at, low, high, step):
     points[..., shown.across] = u
     points[..., shown.up] = v[:, None]
     return volume.sample(points)
+
+
+def sure_points(points, confidence):
+    """The surface (H, W, 3) without the points (NaN) that its reconstruction does not trust enough for a section.
+
+    confidence: (H, W) 0-1 of the reconstruction.
+    """
+    return np.where((np.asarray(confidence) >= SECTION_CONFIDENCE)[..., None], points, np.nan)
 
 
 def median_spacing(points):

@@ -1,13 +1,12 @@
 """The paper's digital phantom (section 2.6, Eq. 6-8, Figs. 4-6): errors of the flow, beside the paper's own figures."""
 import os
-import subprocess
 import tempfile
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from cortshift_tracking.errors import CortshiftError
+from cortshift_tracking.flow_tool import read_flo, run_flow_tool
 
 WRONG = 0.5        # [px], as drawn in the paper's Figs. 5 and 6
 RIM_REACH = 60     # errors further from the rim do not belong to its band [px]
@@ -28,16 +27,6 @@ class PhantomErrors:
     craniotomy_mean: float
 
 
-def read_flo(path):
-    """Middlebury flow (H, W, 2) [px]."""
-    with open(path, 'rb') as file:
-        magic = np.fromfile(file, np.float32, 1)
-        if magic.size != 1 or magic[0] != np.float32(202021.25):
-            raise CortshiftError(f'{path}: not a .flo file')
-        width, height = np.fromfile(file, np.int32, 2)
-        return np.fromfile(file, np.float32, 2 * width * height).reshape(height, width, 2)
-
-
 def phantom_errors(flow, truth, craniotomy, core, patch):
     """PhantomErrors from flows (H, W, 2) and masks (H, W) bool."""
     error = np.linalg.norm(flow - truth, axis=-1)
@@ -53,21 +42,14 @@ def phantom_errors(flow, truth, craniotomy, core, patch):
 def measure(case, preset, seed=1):
     """PhantomErrors of one preset of cortshift_flow on the phantom `case` ('outward' or 'inward')."""
     with tempfile.TemporaryDirectory() as folder:
-        _run('make_phantom', case, folder, str(seed))
+        run_flow_tool('make_phantom', case, folder, str(seed))
         at = {name: os.path.join(folder, name) for name in ('first.png', 'second.png', 'flow.flo', 'settings.yaml')}
         with open(at['settings.yaml'], 'w', encoding='utf-8') as file:
             file.write(f'%YAML:1.0\n---\npreset: {preset}\n')
-        _run('flow_pair', at['first.png'], at['second.png'], at['flow.flo'], '--settings', at['settings.yaml'])
+        run_flow_tool('flow_pair', at['first.png'], at['second.png'], at['flow.flo'], '--settings', at['settings.yaml'])
         masks = [cv2.imread(os.path.join(folder, f'{name}.png'), cv2.IMREAD_GRAYSCALE) > 0 for name in
                  ('craniotomy', 'core', 'patch')]
         return phantom_errors(read_flo(at['flow.flo']), read_flo(os.path.join(folder, 'truth.flo')), *masks)
-
-
-def _run(tool, *arguments):
-    run = subprocess.run(['rosrun', 'cortshift_flow', tool, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                         universal_newlines=True, check=False)
-    if run.returncode != 0:
-        raise CortshiftError(f'{tool} failed: {run.stdout.strip()}')
 
 
 def table(presets=('default', 'ji2014'), seed=1):

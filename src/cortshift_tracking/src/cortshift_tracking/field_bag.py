@@ -1,6 +1,4 @@
 """Writes a Field as a bag with a DisplacementField on /shift/field, as process_bag does."""
-import os
-
 import numpy as np
 import rosbag
 import rospy
@@ -9,21 +7,24 @@ from geometry_msgs.msg import Pose
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2, PointField
 
+from cortshift_tracking.durable import replacing
 
-def summarise(field, overlap, seconds, gravity_pmr=None):
-    """ShiftSummary of a field against its own plane's normal (section 2.7.2).
 
-    overlap: share of the earlier surface that the later one covers (0-1). seconds: it took. gravity_pmr: unit vector or None.
+def summarise(field, overlap, seconds, first_normal_pmr, gravity_pmr=None):
+    """ShiftSummary of a field (section 2.7.2).
+
+    overlap: share of the earlier surface that the later one covers (0-1). seconds: it took. first_normal_pmr: average normal of
+    the case's first stage; gravity_pmr: direction of gravity, or None; unit vectors.
     """
     valid = field.displacement[field.valid]
-    normal = valid @ field.normal_pmr
+    normal = valid @ first_normal_pmr
     parts = {'magnitude': np.linalg.norm(valid, axis=1), 'normal': normal,
-             'lateral': np.linalg.norm(valid - normal[:, None] * field.normal_pmr, axis=1),
+             'lateral': np.linalg.norm(valid - normal[:, None] * first_normal_pmr, axis=1),
              'gravity': np.full(len(valid), np.nan) if gravity_pmr is None else valid @ gravity_pmr}
     values = {}
     for name, part in parts.items():
         values[f'{name}_mean'], values[f'{name}_sd'] = float(part.mean()), float(part.std(ddof=1))
-    angle = float('nan') if gravity_pmr is None else float(np.arccos(np.clip(field.normal_pmr @ gravity_pmr, -1, 1)))
+    angle = float('nan') if gravity_pmr is None else float(np.arccos(np.clip(first_normal_pmr @ gravity_pmr, -1, 1)))
     return ShiftSummary(from_key=field.from_key, to_key=field.to_key, valid_points=len(valid), overlap=overlap,
                         gravity_normal_angle=angle, compute_time=seconds, **values)
 
@@ -53,13 +54,7 @@ def to_message(field, summary):
 
 
 def write_field(path, field, summary):
-    """Write the bag; nothing is left behind where that fails. Raises OSError."""
+    """Write the bag durably; nothing is left behind where that fails. Raises OSError."""
     message = to_message(field, summary)
-    partial = path + '.part'
-    try:
-        with rosbag.Bag(partial, 'w', compression='lz4') as bag:
-            bag.write('/shift/field', message, message.header.stamp)
-        os.replace(partial, path)
-    finally:
-        if os.path.exists(partial):
-            os.unlink(partial)
+    with replacing(path) as temporary, rosbag.Bag(temporary, 'w', compression='lz4') as bag:
+        bag.write('/shift/field', message, message.header.stamp)

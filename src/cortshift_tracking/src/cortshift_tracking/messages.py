@@ -5,6 +5,8 @@ import numpy as np
 
 from cortshift_tracking.errors import CaseError
 
+MR_KEY = 'pmr'  # stands for the brain of the preoperative MR, in place of a stage
+
 
 def quaternion_matrix(q):
     """Rotation (3, 3) of a geometry_msgs/Quaternion. Raises CaseError where it is not a unit quaternion."""
@@ -97,6 +99,10 @@ class Field:
     summary: object
     strain_major: np.ndarray = None
     strain_minor: np.ndarray = None
+
+    @property
+    def from_mr(self):
+        return self.from_key == MR_KEY
 
     @property
     def valid(self):

@@ -93,7 +93,7 @@ def _nifti_affine(path, header, form):
             raise VolumeError(f'form "{form}" is not known; use sform or qform')
         if form not in forms:
             raise VolumeError(f'{path}: the header has no {form}; it has {" and ".join(forms) or "neither form"}')
-        return np.array(forms[form]), [f'{form} taken as asked']
+        return np.array(forms[form]), [f'orientation from the {form}, as asked']
     if not forms:
         raise VolumeError(f'{path}: qform_code and sform_code are 0, so the header does not say where the voxels lie; export '
                           'it again with scanner coordinates')
@@ -106,7 +106,7 @@ def _nifti_affine(path, header, form):
                               f'place voxels up to {apart * 1000:.1f} mm apart; say which one the patient registration '
                               'used (form: sform or qform)')
     name = 'sform' if 'sform' in forms else 'qform'
-    return np.array(forms[name]), [f'{name}, code {int(header[name + "_code"])}']
+    return np.array(forms[name]), [f'orientation from the {name} (code {int(header[name + "_code"])})']
 
 
 def _nifti_unit(path, header, affine, shape):

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from cortshift_tracking.cross_section import median_spacing
+from cortshift_tracking.cross_section import median_spacing, triangles
 from cortshift_tracking.errors import VolumeError
 from cortshift_tracking.geometry import local_frame, normals
 from cortshift_tracking.volume import Volume
@@ -107,7 +107,7 @@ def extract_cortex(volume: Volume, guide_points, brain_mask=None, settings=Corte
     outward = np.broadcast_to(frame.normal_pmr, (int(found.sum()), 3))
     offsets[found] = edge_offsets(volume, frame.to_pmr(grid[found]), outward, settings.edge_reach)
     # Once more across the surface itself: on the walls of sulci the frame's normal is oblique.
-    grid[..., 2] = ndimage.median_filter(coarse, 3) + offsets
+    grid[..., 2] = ndimage.median_filter(coarse + offsets, 3)
     rough = frame.to_pmr(grid)
     across = normals(_smooth(rough, 2.0), 2)
     usable = np.isfinite(across).all(-1) & np.isfinite(rough).all(-1)
@@ -182,12 +182,59 @@ def _outermost(inside, low, top, step, u, v):
 
 
 def distances_to_cortex(points_pmr, cortex):
-    """Distance [m] of points (N, 3) from an extracted CortexSurface, positive outside; NaN beyond its border."""
-    across = normals(cortex.points, 2)
-    usable = np.isfinite(across).all(-1) & np.isfinite(cortex.points).all(-1)
-    vertices, directions = cortex.points[usable], across[usable]
-    spacing, nearest = cKDTree(vertices).query(points_pmr)
-    gap = points_pmr - vertices[nearest]
-    height = (gap * directions[nearest]).sum(-1)
-    aside = np.sqrt(np.maximum(spacing ** 2 - height ** 2, 0))
-    return np.where(aside < 3 * median_spacing(cortex.points), height, np.nan)
+    """Distance [m] of points (N, 3) from an extracted CortexSurface, positive outside; NaN beyond its border.
+
+    To the nearest of the facets around the nearest vertex, so never less than the exact distance.
+    """
+    points = np.asarray(points_pmr, float)
+    flat = cortex.points.reshape(-1, 3)
+    spacing = median_spacing(cortex.points)
+    corners = triangles(cortex.points, 6 * spacing)
+    around = _facets_of_vertices(corners, len(flat))
+    used = np.flatnonzero((around >= 0).any(1))
+    nearest = used[cKDTree(flat[used]).query(points)[1]]
+    best, signed, aside = np.full(len(points), np.inf), np.full(len(points), np.nan), np.full(len(points), np.inf)
+    for column in around.T:
+        rows = np.flatnonzero(column[nearest] >= 0)
+        facet = flat[corners[column[nearest[rows]]]]
+        foot = _nearest_on_triangles(points[rows], facet)
+        gap = points[rows] - foot
+        length = np.linalg.norm(gap, axis=-1)
+        outward = np.cross(facet[:, 2] - facet[:, 0], facet[:, 1] - facet[:, 0])
+        outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
+        height = (gap * outward).sum(-1)
+        closer = length < best[rows]
+        best[rows[closer]] = length[closer]
+        signed[rows[closer]] = np.where(height < 0, -length, length)[closer]
+        aside[rows[closer]] = np.linalg.norm(gap - height[:, None] * outward, axis=-1)[closer]
+    return np.where(aside < 3 * spacing, signed, np.nan)  # beyond the border the gap is not across the surface
+
+
+def _facets_of_vertices(corners, count):
+    """For each of `count` vertices the indices of the triangles (N, 3) it is a corner of, padded with -1."""
+    vertex = corners.ravel()
+    order = np.argsort(vertex, kind='stable')
+    vertex = vertex[order]
+    first = np.searchsorted(vertex, vertex)
+    table = np.full((count, 6), -1)
+    table[vertex, np.arange(len(vertex)) - first] = order // 3
+    return table
+
+
+def _nearest_on_triangles(points, facets):
+    """Nearest point (N, 3) of each triangle (N, 3, 3) to each point (N, 3)."""
+    a, b, c = facets[:, 0], facets[:, 1], facets[:, 2]
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)
+    foot = points - ((points - a) * normal).sum(-1, keepdims=True) * normal
+    inside = np.ones(len(points), bool)
+    on_edge, shortest = a.copy(), np.full(len(points), np.inf)
+    for p, q in ((a, b), (b, c), (c, a)):
+        along = q - p
+        inside &= (np.cross(along, foot - p) * normal).sum(-1) >= 0
+        share = np.clip(((points - p) * along).sum(-1) / np.maximum((along ** 2).sum(-1), 1e-30), 0, 1)
+        candidate = p + share[:, None] * along
+        length = np.linalg.norm(points - candidate, axis=-1)
+        closer = length < shortest
+        on_edge[closer], shortest[closer] = candidate[closer], length[closer]
+    return np.where(inside[:, None], foot, on_edge)

@@ -5,10 +5,6 @@ the flow of section 2.4. Their intensities have nothing in common, so the flow s
 its own distribution: vessels (bright after contrast in the MR; in the photograph where red outweighs green, whatever the
 light) at two widths, and the relief of the sulci, which both surfaces have.
 """
-import os
-import shutil
-import subprocess
-import tempfile
 from dataclasses import dataclass
 
 import cv2
@@ -16,8 +12,9 @@ import numpy as np
 from scipy import ndimage
 
 from cortshift_tracking.errors import CortshiftError
+from cortshift_tracking.flow_tool import flow_between
 from cortshift_tracking.geometry import local_frame
-from cortshift_tracking.messages import Field
+from cortshift_tracking.messages import MR_KEY, Field
 from cortshift_tracking.mr_cortex import CortexSettings, extract_cortex
 
 
@@ -125,24 +122,10 @@ def _features(image, both, settings):
 
 
 def _flow(first, second, settings):
-    """computeFlow of cortshift_flow with the paper's model, by its tool flow_pair; (rows, columns, 2) [grid units]."""
-    tool = shutil.which('rosrun')
-    if tool is None:
-        raise RegistrationError('rosrun is not on the path; source the workspace')
-    with tempfile.TemporaryDirectory() as folder:
-        paths = [os.path.join(folder, name) for name in ('first.png', 'second.png', 'flow.flo', 'settings.yaml')]
-        for path, image in zip(paths, (first, second)):
-            cv2.imwrite(path, np.clip(image * 65535, 0, 65535).astype(np.uint16))
-        with open(paths[3], 'w', encoding='utf-8') as file:
-            # Features are sparse: many rounds, and no smoothing besides their own.
-            file.write(f'%YAML:1.0\n---\npreset: ji2014\nalpha: {settings.alpha}\n'
-                       'outer_iterations: 7\ninner_iterations: 1\nsolver_iterations: 30\npresmoothing: 0\n')
-        run = subprocess.run([tool, 'cortshift_flow', 'flow_pair', *paths[:3], '--settings', paths[3]], stdout=subprocess.PIPE,
-                             stderr=subprocess.STDOUT, universal_newlines=True, check=False)
-        if run.returncode != 0:
-            raise RegistrationError(f'flow_pair failed: {run.stdout.strip()}')
-        data = np.fromfile(paths[2], np.float32)
-    return data[3:].reshape(first.shape[0], first.shape[1], 2)
+    """Flow with the paper's model, (rows, columns, 2) [grid units]."""
+    # Features are sparse: many rounds, and no smoothing besides their own.
+    return flow_between(first, second, preset='ji2014', alpha=settings.alpha, outer_iterations=7, inner_iterations=1,
+                        solver_iterations=30, presmoothing=0)
 
 
 def _targets(flow):
@@ -209,5 +192,5 @@ def _field(stage, frame, low, from_mr, from_stage, flow, confidence, settings):
     T[:3, 3] = frame.to_pmr(np.array([low[0], low[1], 0.0]))
     window = np.nanpercentile(from_mr[..., 0], (1, 99.5))
     grey = np.clip((_filled(from_mr[..., 0]) - window[0]) / (window[1] - window[0]), 0, 1) * 255
-    return Field('pmr', stage.key, stage.stamp, stage.stamp, T, step, start_pmr, displacement,
+    return Field(MR_KEY, stage.key, stage.stamp, stage.stamp, T, step, start_pmr, displacement,
                  np.repeat(grey[..., None], 3, -1).astype(np.uint8), np.where(hidden, np.nan, confidence), None)

@@ -2,6 +2,7 @@
 import html
 import math
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -13,6 +14,7 @@ import rospkg
 
 from cortshift_tracking import report_figures as figures
 from cortshift_tracking.case_folder import immobile_misalignment, read_case
+from cortshift_tracking.cross_section import SECTION_CONFIDENCE
 from cortshift_tracking.durable import write_durably
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.mr import load_volume
@@ -63,22 +65,27 @@ def make_report(folder, mr=None, axes='RAS', title=None):
     sections = [_head(case, title or os.path.basename(os.path.abspath(folder))), _warning_box(warnings), _calibration(case),
                 _timeline(case), _table('Displacement between stages (Table 3 of the paper)', TABLE_3_HEADER, third,
                                         'Mean and standard deviation over all trusted points. Gravity: positive with it. Normal: of '
-                                        'the first stage, positive bulging. The points include what lies around the craniotomy. Empty: not '
+                                        'the first stage, positive bulging. Lateral: across that normal. Angle: from gravity to the normal. pmr: the '
+                                        'brain of the preoperative MR. The points include what lies around the craniotomy. Empty: not '
                                         'known.')]
     if second:
         sections.append(_table('Probe against surface and field (Table 2 of the paper)', TABLE_2_HEADER, second,
                                'Accuracy: digitised point to its homologous point on the surface (needs picks.csv). Distance: to '
-                               'the surface itself. Difference: probe minus flow; axis: the microscope\'s optical axis at the '
+                               'the surface itself. Surface 1, 2: all points digitised at the earlier and at the later stage; '
+                               'probe 1, 2: those that both stages share. Difference: probe minus flow; axis: the microscope\'s optical axis at the '
                                'earlier stage; across: its two perpendiculars, mean absolute components.', transpose=True))
     else:
         sections.append('<h2>Probe against surface and field</h2><p>No label was digitised at both stages of a pair.</p>')
     if mr is not None:
         volume = load_volume(mr, axes)
-        picture = draw_slices(volume, [(stage.key, stage.points[::2, ::2]) for stage in case.stages])
+        picture = draw_slices(volume, [(stage.key, stage.points[::2, ::2], stage.confidence[::2, ::2])
+                                       for stage in case.stages])
         sections.append(f'<h2>Surfaces in the preoperative MR</h2>{_picture(picture, "cross-sections of every stage on MR slices")}'
                         f'<p class="small">{_text(os.path.basename(mr))}: voxels {_text(volume.orientation)}, '
                         f'{" x ".join(f"{v * 1000:.3g}" for v in volume.spacing)} mm; pmr is {axes}; slices through the middle of '
-                        f'the first surface, in radiological order. {_text("; ".join(volume.notes))}</p>')
+                        f'the first surface, in radiological order. The MR is from before any shift: what lies above its cortex has '
+                        f'bulged, what lies below has sunk. A gap in a section: no surface, or one of a confidence below '
+                        f'{SECTION_CONFIDENCE:g}. Header: {_text("; ".join(volume.notes))}.</p>')
     else:
         sections.append('<h2>Surfaces in the preoperative MR</h2><p>No MR was given (--mr).</p>')
     sections += [_pair(case, field) for field in case.fields]
@@ -121,7 +128,7 @@ def _warnings(case):
         shown = field.valid.mean()
         if shown < 0.3:
             found.append(f'{name}: only {shown:.0%} of the plane carries a trusted vector')
-        if field.from_key == 'pmr':  # its border lies on the brain
+        if field.from_mr:  # its border lies on the brain
             continue
         median, high, common, count = immobile_misalignment(field)
         if median > RIM_WARNING:
@@ -185,20 +192,31 @@ def _number(value):
 
 
 def _cells(header, row):
-    """(name, text, whether it is a number) for each column; NAME_mean_mm and NAME_sd_mm become one."""
+    """(name, text, whether it is a number) for each column; NAME_mean_mm and NAME_sd_mm become one, millimetres go unsaid."""
     cells = []
     for name, value in zip(header, row):
         if name.endswith('_sd_mm') and cells and name[:-6] == cells[-1][0]:
             if _number(value):
                 cells[-1] = (*cells[-1][:1], f'{cells[-1][1]} \u00b1 {_number(value)}', True)
         else:
-            cells.append((name[:-8] if name.endswith('_mean_mm') else name, _number(value), not isinstance(value, str)))
+            cells.append((re.sub('(_mean)?_mm$', '', name), _number(value), not isinstance(value, str)))
     return cells
+
+
+def _column_title(name):
+    """What a reader sees of a column's name in the CSV."""
+    if name == 'pair':
+        return 'pair; lengths in mm'
+    if name == 'd':
+        return '|d|'
+    base, _, unit = name.rpartition('_')
+    sign = {'min': 'min', 's': 's', 'deg': '\u00b0', 'percent': '%'}.get(unit)
+    return f'{base.replace("_", " ")} / {sign}' if base and sign else name.replace('_', ' ')
 
 
 def _table(title, header, rows, note, transpose=False):
     """Rows as a table; transposed, a row becomes a column."""
-    titles = [('pair; lengths in mm' if name == 'pair' else name.replace('_', ' ')) for name, _, _ in _cells(header, [0.0] * len(header))]
+    titles = [_column_title(name) for name, _, _ in _cells(header, [0.0] * len(header))]
     columns = [[(text, number) for _, text, number in _cells(header, row)] for row in rows]
 
     def cell(text, number):
@@ -215,20 +233,19 @@ def _table(title, header, rows, note, transpose=False):
 def _pair(case, field):
     keys = {stage.key for stage in case.stages}
     name = f'{field.from_key} \u2192 {field.to_key}'
-    heading = f'<h2 class="pair">{_text(name)}</h2>'
+    heading = f'<h2 class="pair">{_text(name)}{" (since the preoperative MR)" if field.from_mr else ""}</h2>'
     if not field.valid.any():
         return f'{heading}<p>No vector can be trusted.</p>'
     parts = [heading]
-    from_mr = field.from_key == 'pmr'
-    if field.to_key in keys and (from_mr or field.from_key in keys):
-        first = figures.mr_vessels(field) if from_mr else figures.project_colour(case.stage(field.from_key), field)
-        about = 'the MR (vessels drawn dark)' if from_mr else 'earlier'
+    if field.to_key in keys and (field.from_mr or field.from_key in keys):
+        first = figures.mr_vessels(field) if field.from_mr else figures.project_colour(case.stage(field.from_key), field)
+        about = 'the MR (vessels drawn dark)' if field.from_mr else 'earlier'
         parts.append(_picture(figures.overlay_figure(first, case.stage(field.to_key), field), f'overlays of {name}',
                               f'Overlay: red {about}, green later, yellow where they agree'))
-    maps = figures.component_figure(field, case.gravity_pmr, case.fields[0].normal_pmr)
+    maps = figures.component_figure(field, case.gravity_pmr, case.first_normal_pmr)
     parts.append(_picture(maps, f'maps of {name}', 'Displacement'))
     parts.append(_picture(figures.vector_figure(field), f'vectors of {name}', 'Vectors on the earlier surface'))
-    if from_mr:  # vessels tell where the brain went, but too coarsely for its strain
+    if field.from_mr:  # vessels tell where the brain went, but too coarsely for its strain
         parts.append(_picture(figures.confidence_figure(field), f'confidence of {name}', 'Confidence'))
         return '\n'.join(parts)
     parts.append(_picture(figures.trust_figure(field), f'confidence and strain of {name}', 'Confidence and strain'))

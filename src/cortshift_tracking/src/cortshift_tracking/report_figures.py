@@ -90,7 +90,7 @@ def overlay_figure(first, later, field):
     moved = cv2.remap(np.nan_to_num(second), np.where(known, column + plane[..., 0], -10).astype(np.float32),
                       np.where(known, row + plane[..., 1], -10).astype(np.float32), cv2.INTER_LINEAR, borderValue=0)
     # One stretch for both, so that a change of the light stays visible; MR and photograph have no light in common.
-    shared = first if field.from_key != 'pmr' else None
+    shared = None if field.from_mr else first
 
     def stretch(image):
         low, high = np.nanpercentile(image if shared is None else shared, (1, 99))
@@ -114,7 +114,8 @@ def component_figure(field, gravity, first_normal):
     normal = d @ first_normal
     lateral = np.linalg.norm(d - normal[..., None] * first_normal, axis=-1)
     top = _round_up(np.nanpercentile(magnitude, 99) * 1000)
-    figure, panels = _figure(2, 2, 900)
+    height, width = field.confidence.shape
+    figure, panels = _figure(2, 2, 170 + 2 * 0.35 * WIDTH_PX * min(height / width, 1.5))  # rows as high as the maps
     _map(figure, panels[0, 0], field, magnitude, 'magnitude |d|', 'viridis', 0, top, 'mm')
     if gravity is None:
         _axes_mm(panels[0, 1], 'along gravity: gravity is not known')

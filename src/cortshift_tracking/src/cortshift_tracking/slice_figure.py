@@ -4,7 +4,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from cortshift_tracking.cross_section import LETTERS, PLANES, cut, mr_section, picture_axes
+from cortshift_tracking.cross_section import LETTERS, PLANES, cut, mr_section, picture_axes, sure_points
 from cortshift_tracking.errors import VolumeError
 from cortshift_tracking.palette import stage_colour
 
@@ -15,18 +15,21 @@ LARGEST_ZOOM = 0.07  # side of what is shown there [m]
 def draw_slices(volume, surfaces, at=None, width_px=1160):
     """Figure of axial, coronal and sagittal slices: the whole head above, the craniotomy magnified below.
 
-    surfaces: list of (name, points (H, W, 3) in pmr [m]); one colour each, in order.
+    surfaces: list of (name, points (H, W, 3) in pmr [m], confidence (H, W) 0-1); one colour each, in order. Where its
+    reconstruction is not sure a section has a gap; the legend says how much of the surface is drawn.
     at: point in pmr [m] that the slices go through; by default the middle of the first surface.
     Raises VolumeError where a surface lies outside the volume: then the two do not belong together.
     """
-    valid = [points[np.isfinite(points).all(-1)] for _, points in surfaces]
-    for (name, _), points in zip(surfaces, valid):
+    names = [name for name, _, _ in surfaces]
+    valid = [points[np.isfinite(points).all(-1)] for _, points, _ in surfaces]
+    for name, points in zip(names, valid):
         if not len(points):
             raise VolumeError(f'surface "{name}" has no points; nothing to draw')
+    drawn = [sure_points(points, confidence) for _, points, confidence in surfaces]
     if at is None:
         at = np.median(valid[0], axis=0) if valid else volume.corners_pmr().mean(0)
     low, high = volume.corners_pmr()
-    for (name, _), points in zip(surfaces, valid):
+    for name, points in zip(names, valid):
         share = np.isfinite(volume.sample(points[::97])).mean()
         if share < 0.5:
             raise VolumeError(f'surface "{name}" lies outside {volume.source}: only {share:.0%} of it is in the volume; check the '
@@ -39,7 +42,7 @@ def draw_slices(volume, surfaces, at=None, width_px=1160):
     for column, plane in enumerate(('axial', 'coronal', 'sagittal')):
         shown = picture_axes(plane, volume.axes)
         pair = [shown.across, shown.up]
-        _panel(panels[0, column], volume, surfaces, plane, at, low[pair], high[pair], window, width=1.2)
+        _panel(panels[0, column], volume, drawn, plane, at, low[pair], high[pair], window, width=1.2)
         panels[0, column].set_title(f'{plane}, {_coordinate(volume.axes, PLANES[plane], at)}', fontsize=10)
         if not surfaces:
             continue
@@ -49,9 +52,11 @@ def draw_slices(volume, surfaces, at=None, width_px=1160):
         middle = np.asarray(at)[pair] if 2 * side == LARGEST_ZOOM else (zoom_low + zoom_high) / 2
         panels[0, column].add_patch(Rectangle((middle - side) * 1000, 2 * side * 1000, 2 * side * 1000, fill=False,
                                               edgecolor='white', linewidth=0.8, linestyle='--'))
-        _panel(panels[1, column], volume, surfaces, plane, at, middle - side, middle + side, window, width=1.8)
+        _panel(panels[1, column], volume, drawn, plane, at, middle - side, middle + side, window, width=1.8)
     if surfaces:
-        lines = [Line2D([], [], color=stage_colour(n), linewidth=3, label=name) for n, (name, _) in enumerate(surfaces)]
+        shares = [np.isfinite(points).all(-1).sum() / len(all_points) for points, all_points in zip(drawn, valid)]
+        lines = [Line2D([], [], color=stage_colour(n), linewidth=3, label=f'{name} ({share:.0%} drawn)')
+                 for n, (name, share) in enumerate(zip(names, shares))]
         figure.legend(handles=lines, loc='lower center', ncol=min(len(lines), 6), fontsize=11, frameon=False)
     return figure
 
@@ -70,7 +75,7 @@ def _panel(panel, volume, surfaces, plane, at, low, high, window, width):
     extent = np.array([low[0] - step / 2, last[0] + step / 2, low[1] - step / 2, last[1] + step / 2]) * 1000
     panel.set_facecolor('black')
     panel.imshow(grey, cmap='gray', vmin=window[0], vmax=window[1], extent=extent, origin='lower', interpolation='nearest')
-    for number, (_, points) in enumerate(surfaces):
+    for number, points in enumerate(surfaces):
         segments = cut(points, axis, at[axis])[..., [shown.across, shown.up]] * 1000
         # One line with gaps: thousands of separate ones would take seconds to draw.
         curve = np.concatenate([segments, np.full((len(segments), 1, 2), np.nan)], 1).reshape(-1, 2).T

@@ -184,9 +184,8 @@ def table_3(case):
         if not np.isfinite(s.gravity_mean) and gravity is not None and field.valid.any():
             along = field.displacement[field.valid] @ gravity
             pairs[1] = float(along.mean()), float(along.std(ddof=1))
-            first_normal = case.fields[0].normal_pmr
-            angle = float(np.arccos(np.clip(first_normal @ gravity, -1, 1)))
-        minutes = (field.to_stamp - field.from_stamp) / 60 if field.from_key != 'pmr' else float('nan')
+            angle = float(np.arccos(np.clip(case.first_normal_pmr @ gravity, -1, 1)))
+        minutes = float('nan') if field.from_mr else (field.to_stamp - field.from_stamp) / 60
         rows.append([f'{field.from_key} -> {field.to_key}', minutes] + [1000 * v for pair in pairs for v in pair] +
                     [np.degrees(angle), s.compute_time, 100 * s.overlap, int(s.valid_points)])
     return rows

@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <boost/make_shared.hpp>
 #include <cstdio>
+#include <limits>
+#include <optional>
 
+#include "cortshift_stereo/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/ros/pose_watch.hpp"
 #include "cortshift_tracking/ros/registration.hpp"
@@ -13,6 +16,7 @@ namespace cortshift_tracking {
 namespace {
 
 using cortshift_stereo::PairMessages;
+using cortshift_stereo::SurfaceReconstructionParameters;
 
 constexpr double kSlice = 1.0;  // [s] of recording that is looked through at one go
 
@@ -20,6 +24,26 @@ std::string seconds(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.1f s", value);
   return text;
+}
+
+std::string refusal(const PlannedCapture& planned) { return "stage '" + planned.key + "' was not captured: "; }
+
+StageRecord recordWith(const PairMessages& messages, const cortshift_stereo::Surface& surface_map,
+                       const std::string& map_frame) {
+  StageRecord record;
+  std_msgs::Header header;
+  header.stamp = messages.stamp;
+  header.frame_id = map_frame;
+  record.surface = boost::make_shared<sensor_msgs::PointCloud2>(toPointCloud2(surface_map, header));
+  record.info.stamp = messages.stamp;
+  record.left = messages.left.raw;
+  record.right = messages.right.raw;
+  record.left_compressed = messages.left.compressed;
+  record.right_compressed = messages.right.compressed;
+  record.left_info = messages.left_info;
+  record.right_info = messages.right_info;
+  record.settings = messages.settings;
+  return record;
 }
 
 }  // namespace
@@ -33,14 +57,19 @@ PairMessages pairOf(const StageRecord& record) {
           record.settings};
 }
 
-StageRecord CaseCapture::recordOf(const PairPlace& place) const {
-  const PairMessages messages = recording_.read(place);
-  cortshift_stereo::SurfaceReconstructionParameters parameters = parameters_.reconstruction;
+SurfaceReconstructionParameters CaseCapture::parametersAt(const PairMessages& messages) const {
+  SurfaceReconstructionParameters parameters = parameters_.reconstruction;
   if (!parameters.referenceSetting() && parameters.settings_calibration.empty())
     if (const auto reference = recording_.referenceSetting(messages)) {
       parameters.reference_magnification = reference->magnification;
       parameters.reference_focal_length = reference->focal_length;
     }
+  return parameters;
+}
+
+StageRecord CaseCapture::recordOf(const PairPlace& place) const {
+  const PairMessages messages = recording_.read(place);
+  const SurfaceReconstructionParameters parameters = parametersAt(messages);
   cortshift_stereo::PairReconstruction reconstruct(parameters);
   const auto surfaceOf = [&](const PairPlace& pair, const PairMessages& content) {
     return reconstruct(content, recording_.posesAround(pair.arrival, parameters.max_pose_gap));
@@ -55,74 +84,105 @@ StageRecord CaseCapture::recordOf(const PairPlace& place) const {
         continue;  // as in the node: a pair that gives no surface is no part of the mean
       }
     }
-  const cortshift_stereo::PairSurface surface = surfaceOf(place, messages);
-
-  StageRecord record;
-  std_msgs::Header header;
-  header.stamp = place.stamp;
-  header.frame_id = parameters.map_frame;
-  record.surface = boost::make_shared<sensor_msgs::PointCloud2>(toPointCloud2(surface.surface_map, header));
-  record.info.stamp = place.stamp;
-  record.left = messages.left.raw;
-  record.right = messages.right.raw;
-  record.left_compressed = messages.left.compressed;
-  record.right_compressed = messages.right.compressed;
-  record.left_info = messages.left_info;
-  record.right_info = messages.right_info;
-  record.settings = messages.settings;
-  return record;
+  return recordWith(messages, surfaceOf(place, messages).surface_map, parameters.map_frame);
 }
 
 StageRecord CaseCapture::capture(const PlannedCapture& planned, std::string& remarks) const {
+  Captured captured = planned.pairs > 1 ? captureMean(planned) : captureOne(planned);
+  const ros::Time asked = shifted(recording_.bag().begin(), planned.seconds);
+  try {
+    StageRecord& record = captured.record;
+    const auto pose_at = recording_.posesAround(captured.arrival, parameters_.tracker.max_pose_gap);
+    if (const auto changed = recording_.registrationChanged(std::max(asked, captured.arrival)))
+      requireSettled(record.info.stamp, *changed);
+    if (const auto motion = motionAround(record.info.stamp, pose_at))
+      requireSlow(*motion, parameters_.tracker.max_speed);
+    record.info.key = planned.key;
+    record.info.note = planned.note;
+    remarks = captured.remarks + completeStage(record, pose_at);
+    return record;
+  } catch (const std::exception& error) {
+    throw TrackingError(refusal(planned) + error.what());
+  }
+}
+
+CaseCapture::Captured CaseCapture::captureOne(const PlannedCapture& planned) const {
   const BagFile& bag = recording_.bag();
   const ros::Time asked = shifted(bag.begin(), planned.seconds);
   const double length = (bag.end() - bag.begin()).toSec();
   const double max_age = parameters_.tracker.max_surface_age;
   std::size_t tried = 0;
-  ros::Time arrival;
   std::string why;
-  const auto attempt = [&](const PairPlace& place, StageRecord& record) {
+  Captured captured;
+  const auto attempt = [&](const PairPlace& place) {
     ++tried;
     try {
-      record = recordOf(place);
-      arrival = place.arrival;
+      captured.record = recordOf(place);
+      captured.arrival = place.arrival;
       return true;
     } catch (const std::exception& error) {
-      const cortshift_stereo::DropReason drop = cortshift_stereo::dropReason(error);
-      why = "; the pair at " + seconds((place.arrival - bag.begin()).toSec()) + " was dropped (" + drop.reason +
-            "): " + drop.message;
+      why = dropped(place, error);
       return false;
     }
   };
   const auto recent = [&](const PairPlace& place) { return asked.toSec() - place.stamp.toSec() <= max_age; };
 
-  StageRecord record;
-  const auto complete = [&] {
-    try {
-      const auto pose_at = recording_.posesAround(arrival, parameters_.tracker.max_pose_gap);
-      if (const auto changed = recording_.registrationChanged(std::max(asked, arrival)))
-        requireSettled(record.info.stamp, *changed);
-      if (const auto motion = motionAround(record.info.stamp, pose_at))
-        requireSlow(*motion, parameters_.tracker.max_speed);
-      record.info.key = planned.key;
-      record.info.note = planned.note;
-      remarks = completeStage(record, pose_at);
-      return record;
-    } catch (const std::exception& error) {
-      throw TrackingError("stage '" + planned.key + "' was not captured: " + error.what());
-    }
-  };
   std::vector<PairPlace> before = recording_.pairs(shifted(asked, -max_age - kSlice), asked);
   for (auto place = before.rbegin(); place != before.rend(); ++place)
-    if (recent(*place) && attempt(*place, record)) return complete();
+    if (recent(*place) && attempt(*place)) return captured;
   const double timeout = parameters_.tracker.capture_timeout;
   for (double from = 0; from < timeout; from += kSlice)
     for (const PairPlace& place :
          recording_.pairs(shifted(asked, from), shifted(asked, std::min(from + kSlice, timeout))))
-      if (recent(place) && attempt(place, record)) return complete();
-  throw TrackingError("stage '" + planned.key + "' was not captured: no pair from " + seconds(max_age) + " before to " +
-                      seconds(timeout) + " after " + seconds(planned.seconds) + " of the bag's " + seconds(length) +
-                      " gives a surface, " + std::to_string(tried) + " tried" + why);
+      if (recent(place) && attempt(place)) return captured;
+  throw TrackingError(refusal(planned) + "no pair from " + seconds(max_age) + " before to " + seconds(timeout) +
+                      " after " + seconds(planned.seconds) + " of the bag's " + seconds(length) + " gives a surface, " +
+                      std::to_string(tried) + " tried" + why);
+}
+
+CaseCapture::Captured CaseCapture::captureMean(const PlannedCapture& planned) const {
+  const ros::Time asked = shifted(recording_.bag().begin(), planned.seconds);
+  const double patience = parameters_.tracker.capture_timeout;
+  cortshift_stereo::ViewTolerance tolerance = parameters_.reconstruction.average;
+  tolerance.age = std::numeric_limits<double>::infinity();  // patience says how long it may take
+  cortshift_stereo::ViewFrames frames(tolerance, planned.pairs);
+  std::optional<cortshift_stereo::PairReconstruction> reconstruct;
+  std::size_t offered = 0;
+  std::string why;
+  ros::Time heard = asked;  // of the last pair that gave a surface
+  for (ros::Time from = asked; (from - heard).toSec() < patience; from = shifted(from, kSlice))
+    for (const PairPlace& place : recording_.pairs(from, shifted(from, kSlice))) {
+      if (place.stamp < asked || (place.arrival - heard).toSec() > patience) continue;
+      try {
+        const PairMessages messages = recording_.read(place);
+        if (!reconstruct) reconstruct.emplace(parametersAt(messages));
+        const auto poses = recording_.posesAround(place.arrival, parameters_.reconstruction.max_pose_gap);
+        frames.add((*reconstruct)(messages, poses).frame);
+        ++offered;
+        heard = place.arrival;
+        if (frames.size() < planned.pairs) continue;
+        cortshift_stereo::ViewFrames::Mean mean = frames.mean();
+        cortshift_stereo::Surface& surface = mean.result.surface_left;
+        surface.points = cortshift_stereo::transformPoints(mean.T_pmr_left, surface.points);
+        Captured captured{recordWith(messages, surface, parameters_.reconstruction.map_frame), place.arrival,
+                          "; mean of " + std::to_string(frames.size()) + " pairs"};
+        if (offered > frames.size())
+          captured.remarks += "; " + std::to_string(offered - frames.size()) +
+                              " more were left out, as the microscope or its setting had moved";
+        return captured;
+      } catch (const std::exception& error) {
+        why = dropped(place, error);
+      }
+    }
+  throw TrackingError(refusal(planned) + "only " + std::to_string(frames.size()) + " of " +
+                      std::to_string(planned.pairs) + " pairs of one view came, of " + std::to_string(offered) +
+                      " pairs in all" + why);
+}
+
+std::string CaseCapture::dropped(const PairPlace& place, const std::exception& error) const {
+  const cortshift_stereo::DropReason drop = cortshift_stereo::dropReason(error);
+  return "; the pair at " + seconds((place.arrival - recording_.bag().begin()).toSec()) + " was dropped (" +
+         drop.reason + "): " + drop.message;
 }
 
 }  // namespace cortshift_tracking

@@ -8,6 +8,7 @@
 #include <set>
 #include <stdexcept>
 
+#include "cortshift_stereo/frame_collector.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/stage_key.hpp"
 
@@ -21,9 +22,18 @@ double numberIn(const std::string& text, const std::string& what) {
   return value;
 }
 
+unsigned int pairsIn(const std::string& text, const std::string& what) {
+  constexpr auto kMost = cortshift_stereo::FrameCollector::kMostFrames;
+  const double value = numberIn(text, what);
+  if (!(value >= 1 && value <= static_cast<double>(kMost) && value == std::floor(value)))
+    throw PlanError(what + ": a mean of '" + text + "' pairs is not possible; allowed is 1 to " +
+                    std::to_string(kMost));
+  return static_cast<unsigned int>(value);
+}
+
 void requireKeyIn(const std::string& key, const std::string& what) {
   try {
-    requireKey(key);
+    requireKeyOfCapture(key);
   } catch (const TrackingError& error) {
     throw PlanError(what + ": " + error.what());
   }
@@ -53,8 +63,13 @@ void requireKeys(const YAML::Node& entry, const std::set<std::string>& must, con
 
 PlannedCapture captureFromText(const std::string& text) {
   const std::size_t at = text.rfind('@');
-  if (at == std::string::npos) throw PlanError("'" + text + "' is not KEY@SECONDS");
-  const PlannedCapture capture{text.substr(0, at), numberIn(text.substr(at + 1), "'" + text + "'"), ""};
+  if (at == std::string::npos) throw PlanError("'" + text + "' is not KEY@SECONDS or KEY@SECONDSxPAIRS");
+  PlannedCapture capture;
+  capture.key = text.substr(0, at);
+  const std::size_t times = text.find('x', at);
+  capture.seconds =
+      numberIn(text.substr(at + 1, times == std::string::npos ? times : times - at - 1), "'" + text + "'");
+  if (times != std::string::npos) capture.pairs = pairsIn(text.substr(times + 1), "'" + text + "'");
   requireKeyIn(capture.key, "'" + text + "'");
   return capture;
 }
@@ -85,11 +100,12 @@ CasePlan planFromYaml(const std::string& path) {
     CasePlan plan;
     for (const YAML::Node& entry : root["captures"]) {
       const std::string where = path + ": capture " + std::to_string(plan.captures.size() + 1);
-      requireKeys(entry, {"key", "at"}, {"note"}, where);
+      requireKeys(entry, {"key", "at"}, {"note", "pairs"}, where);
       PlannedCapture capture;
       capture.key = entry["key"].as<std::string>();
       requireKeyIn(capture.key, where);
       capture.seconds = numberIn(entry["at"].as<std::string>(), where);
+      if (entry["pairs"]) capture.pairs = pairsIn(entry["pairs"].as<std::string>(), where);
       if (entry["note"]) capture.note = entry["note"].as<std::string>();
       plan.captures.push_back(capture);
     }
@@ -109,6 +125,10 @@ void CasePlan::check() {
   std::stable_sort(captures.begin(), captures.end(),
                    [](const PlannedCapture& a, const PlannedCapture& b) { return a.seconds < b.seconds; });
   const auto place = [&](const std::string& key, const PlannedShift& shift) {
+    if (key == kMrKey)
+      throw PlanError("shift " + shift.from + ":" + shift.to +
+                      ": a stage is registered to the preoperative MR after the case is processed, by `rosrun "
+                      "cortshift_tracking register_mr DIR STAGE MR`, DIR being the output folder");
     const auto found =
         std::find_if(captures.begin(), captures.end(), [&](const PlannedCapture& c) { return c.key == key; });
     if (found == captures.end())

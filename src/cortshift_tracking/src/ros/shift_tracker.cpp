@@ -18,7 +18,9 @@
 #include "cortshift_tracking/ros/field_message.hpp"
 #include "cortshift_tracking/ros/health.hpp"
 #include "cortshift_tracking/ros/markers.hpp"
+#include "cortshift_tracking/ros/mr_shift.hpp"
 #include "cortshift_tracking/ros/stage_record.hpp"
+#include "cortshift_tracking/stage_key.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -304,8 +306,12 @@ bool ShiftTracker::compute(const cortshift_msgs::ComputeShift::Request& request,
     const std::lock_guard<std::mutex> guard(compute_mutex_);
     const auto excluded = regions_.find(request.from_key);
     const StageShift shift =
-        computeStageShift(store_, request.from_key, request.to_key, first_normal_, gravity_pmr_, parameters_.shift,
-                          excluded == regions_.end() ? std::vector<Region>() : excluded->second, across_epochs);
+        request.from_key == kMrKey
+            ? computeMrShift(store_, request.to_key, first_normal_, gravity_pmr_, parameters_.shift, regions_,
+                             across_epochs)
+            : computeStageShift(store_, request.from_key, request.to_key, first_normal_, gravity_pmr_,
+                                parameters_.shift,
+                                excluded == regions_.end() ? std::vector<Region>() : excluded->second, across_epochs);
     publish(shift.result, shift.from, shift.to, false);
     response.success = true;
     response.summary = toMessage(shift.result.summary, request.from_key, request.to_key);

@@ -2,6 +2,7 @@
 
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/stage_key.hpp"
 
 namespace cortshift_tracking {
 
@@ -22,6 +23,8 @@ Eigen::Vector3d FirstNormal::of(const StageStore& store) {
 StageShift computeStageShift(const StageStore& store, const std::string& from_key, const std::string& to_key,
                              FirstNormal& first_normal, const std::optional<Eigen::Vector3d>& gravity_pmr,
                              const ShiftSettings& settings, const std::vector<Region>& excluded, bool across_epochs) {
+  if (to_key == kMrKey)
+    throw TrackingError("the preoperative MR comes before every stage; give '" + to_key + "' as the earlier one");
   const std::size_t from = store.indexOf(from_key), to = store.indexOf(to_key);
   if (from == to) throw TrackingError("from and to are both stage '" + from_key + "'; give two different stages");
   if (from > to)

@@ -160,7 +160,7 @@ std::size_t StageStore::indexOf(const std::string& key) const {
 }
 
 void StageStore::requireFree(const std::string& key) const {
-  requireKey(key);
+  requireKeyOfCapture(key);
   const std::lock_guard<std::mutex> guard(mutex_);
   for (const Entry& entry : entries_)
     if (entry.info.key == key)

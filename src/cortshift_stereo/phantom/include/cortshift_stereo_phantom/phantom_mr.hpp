@@ -12,7 +12,7 @@
 namespace cortshift_stereo_phantom {
 
 struct MrSettings {
-  double voxel = 0.0008;   ///< side of a voxel [m], 0.0004 ... 0.002
+  double voxel = 0.0008;   ///< side of a voxel [m], 0.0001 ... 0.002
   int supersampling = 4;   ///< samples per voxel side near tissue borders, 1 ... 8
   double noise = 2.0;      ///< standard deviation of the intensity noise (white matter is 150)
   double side = 0;         ///< of a cube around the middle of the craniotomy [m], 0.02 ... 0.3; 0: the whole head
@@ -32,6 +32,7 @@ struct MrVolume {
 
 /// The undeformed head. Inside the craniotomy its cortex is the surface PhantomScene::sample(kUndeformed, ...) exactly;
 /// around it skull and scalp close over the brain, a ball of the dome's radius beyond.
+/// @throws PhantomCaseError for settings that are not allowed, or would make a volume of more than a gigabyte
 MrVolume makeMr(const PhantomScene& scene, const MrSettings& settings = {});
 
 /// NIfTI-1, one file, int16, mm, RAS, sform and qform with scanner code. @throws std::runtime_error

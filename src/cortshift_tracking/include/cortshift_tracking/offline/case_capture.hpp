@@ -12,7 +12,8 @@ namespace cortshift_tracking {
 
 /// As shift_tracker does in a replay, with a reconstruction that takes no time: the surface of the newest pair that is
 /// not older than max_surface_age, else that of the next pair within capture_timeout. A pair that gives no surface is
-/// passed over. Where surfaces are means, each pair of the window takes part.
+/// passed over. Where surfaces are means, each pair of the window takes part. A capture of several pairs is the mean of
+/// the next ones of one view, as capture_mean_stage makes it.
 class CaseCapture {
  public:
   CaseCapture(const CaseRecording& recording, const OfflineParameters& parameters)
@@ -23,7 +24,17 @@ class CaseCapture {
   StageRecord capture(const PlannedCapture& planned, std::string& remarks) const;
 
  private:
+  struct Captured {
+    StageRecord record;
+    ros::Time arrival;  ///< of the pair, or of the last one of several
+    std::string remarks;
+  };
+
+  cortshift_stereo::SurfaceReconstructionParameters parametersAt(const cortshift_stereo::PairMessages& messages) const;
   StageRecord recordOf(const PairPlace& place) const;
+  Captured captureOne(const PlannedCapture& planned) const;
+  Captured captureMean(const PlannedCapture& planned) const;
+  std::string dropped(const PairPlace& place, const std::exception& error) const;
 
   const CaseRecording& recording_;
   OfflineParameters parameters_;

@@ -13,6 +13,7 @@ struct PlannedCapture {
   std::string key;
   double seconds = 0;  ///< from the bag's start
   std::string note;
+  unsigned int pairs = 1;  ///< the surface is the mean of so many pairs, 1 ... 64
 };
 
 struct PlannedShift {
@@ -25,7 +26,8 @@ struct CasePlan {
   std::optional<Eigen::Vector3d> gravity_pmr;  ///< unit length
 
   /// Sorts the captures by time.
-  /// @throws PlanError for keys that are no keys, stand twice or are not captured, for times before 0, for shifts that
+  /// @throws PlanError for keys that are no keys, stand twice or are not captured, for times before 0, means of too
+  /// many pairs, for shifts that
   ///         go back in time or stand twice, and for a plan with nothing to do
   void check();
 };
@@ -36,7 +38,7 @@ class PlanError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// KEY@SECONDS. @throws PlanError
+/// KEY@SECONDS, or KEY@SECONDSxPAIRS for the mean of several pairs. @throws PlanError
 PlannedCapture captureFromText(const std::string& text);
 
 /// FROM:TO. @throws PlanError
@@ -47,7 +49,8 @@ Eigen::Vector3d directionFromText(const std::string& text);
 
 /// A YAML file:
 ///
-///     captures: [{key: dural_opening, at: 5.2, note: before resection}, ...]   # at: seconds from the bag's start
+///     captures: [{key: dural_opening, at: 5.2, pairs: 8, note: before resection}, ...]
+///                           # at: seconds from the bag's start; pairs: of the mean, may be left out as may the note
 ///     shifts: [{from: dural_opening, to: after_resection}, ...]
 ///     gravity: [0, -1, 0]                                                      # direction in pmr, may be left out
 ///

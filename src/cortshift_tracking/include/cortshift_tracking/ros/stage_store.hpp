@@ -47,7 +47,7 @@ class StageStore {
   /// Place of a stage in the order of capture. @throws TrackingError naming the key and what keys there are
   std::size_t indexOf(const std::string& key) const;
 
-  /// @throws TrackingError if a stage of that key exists (naming when it was captured)
+  /// @throws TrackingError if a stage of that key exists (naming when it was captured), or none may have it
   void requireFree(const std::string& key) const;
 
   /// Returns after the stage is safe on disk, with its epoch. @throws TrackingError; then nothing has changed
