@@ -32,16 +32,18 @@ void checkSize(const cv::Mat& image, const CameraModel& camera, const std::strin
 
 /// Points only where both images have pixels of a mask.
 void keepWhereBoth(cv::Mat& disparity, const cv::Mat& left_mask, const cv::Mat& right_mask) {
-  for (int y = 0; y < disparity.rows; ++y) {
-    float* d = disparity.ptr<float>(y);
-    const uint8_t* left = left_mask.ptr<uint8_t>(y);
-    const uint8_t* right = right_mask.ptr<uint8_t>(y);
-    for (int x = 0; x < disparity.cols; ++x) {
-      const int partner = std::isnan(d[x]) ? -1 : static_cast<int>(std::lround(static_cast<float>(x) - d[x]));
-      if (partner < 0 || partner >= disparity.cols || !left[x] || !right[partner])
-        d[x] = std::numeric_limits<float>::quiet_NaN();
+  cv::parallel_for_(cv::Range(0, disparity.rows), [&](const cv::Range& rows) {
+    for (int y = rows.start; y < rows.end; ++y) {
+      float* d = disparity.ptr<float>(y);
+      const uint8_t* left = left_mask.ptr<uint8_t>(y);
+      const uint8_t* right = right_mask.ptr<uint8_t>(y);
+      for (int x = 0; x < disparity.cols; ++x) {
+        const float partner = static_cast<float>(x) - d[x] + 0.5f;  // rounded by cutting off the fraction
+        const bool inside = partner >= 0 && partner < static_cast<float>(disparity.cols);  // not for NaN
+        if (!inside || !left[x] || !right[static_cast<int>(partner)]) d[x] = std::numeric_limits<float>::quiet_NaN();
+      }
     }
-  }
+  });
 }
 
 double shareOfValid(const cv::Mat& disparity) {
