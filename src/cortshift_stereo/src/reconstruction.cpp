@@ -13,7 +13,7 @@
 namespace cortshift_stereo {
 namespace {
 
-constexpr double kAgreement = 2;  // [px] between matching and refinement; beyond, one of them is wrong
+constexpr double kAgreement = 1.5;  // [px] between matching and refinement; beyond, one of them is wrong
 
 std::string describe(const cv::Size& size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
 
