@@ -19,6 +19,10 @@ void mismatchRow(const Level& level, int x0, int y, const float* u, const float*
 /// Mean mismatch of the square window of half width `window` about each pixel.
 Plane windowMismatch(const Level& level, const FlowPlanes& flow, int window, int threads);
 
+/// Takes `other` in place of `flow` at eligible pixels (CV_8UC1, not 0) where windows then mismatch less.
+void adoptWhereBetter(const Level& level, const FlowPlanes& other, const cv::Mat1b& eligible, FlowPlanes& flow,
+                      int threads);
+
 /// What counts as a mismatch for this pair of images, from what is usual for it.
 struct MismatchScale {
   float suspect = 0;    ///< windows that mismatch by more should try another flow [intensity, summed over channels]
@@ -26,7 +30,10 @@ struct MismatchScale {
 };
 MismatchScale mismatchScale(const Level& level, const FlowPlanes& flow, int threads);
 
-/// 1 where a window about the pixel looks the same at both ends of its flow, which lies inside the second image.
+/// 1 (CV_8UC1) where a pixel that counts flows to a place that the second image shows.
+cv::Mat1b shown(const Level& level, const FlowPlanes& flow, int threads);
+
+/// 1 where it is shown and a window about the pixel looks the same at both ends of its flow.
 /// @param limit  largest mean mismatch [intensity, 0...1, summed over the channels]
 cv::Mat1b matched(const Level& level, const FlowPlanes& flow, float limit, int threads);
 
