@@ -320,7 +320,7 @@ cv::Mat bendingWeights(const cv::Mat& cells, int cell) {
 /// Error to expect of each cell [px]. The posterior deviation of a stiff sheet on data falls with both the information
 /// and the stiffness; the scale was fitted to phantoms, where it holds within a factor of two from 0.01 to 0.5 px.
 cv::Mat deviationOfCells(const cv::Mat& information, const cv::Mat& stiffness) {
-  constexpr double kScale = 1.8;
+  constexpr double kScale = 1.6;
   constexpr double kLeastStiffness = 1;  // at an edge of depth the data alone decide
   cv::Mat deviation;
   const cv::Mat stiff = cv::max(blurCells(stiffness, 0.7), kLeastStiffness);
