@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <opencv2/core/hal/intrin.hpp>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 #include <vector>
 
 #include "cubic.hpp"
+#include "fill.hpp"
 #include "thin_plate.hpp"
 
 namespace cortshift_stereo {
@@ -14,13 +17,14 @@ namespace {
 
 // Tuned on phantoms with and without noise; not per site.
 constexpr double kSmoothness = 2e3;           // mu [px^2]: weight of bending against data
-constexpr double kTypicalBending = 0.0007;    // [px / px^2] beyond which psi grows linearly
+constexpr double kTypicalBending = 0.0021;    // [px / px^2] beyond which psi grows but slowly
 constexpr double kInterpolationError = 0.05;  // [px] the gradient times this is the error of resampling
-constexpr double kCorrelatedPixels = 10;      // neighbours share their noise: images are blurred before resampling
-constexpr double kLeastNoise = 0.25;          // [grey levels]: quantisation after the blur
-constexpr double kPhotometricReach = 24;      // [px] over which gain and offset vary
-constexpr double kTrustInStart = 0.05;        // [1/px^2] per pixel: holds where there is no texture to refine by
-constexpr int kFinestCell = 4;                // [px]
+constexpr double kOutlier = 4.5;          // [standard deviations] a residual has to lose three quarters of its weight
+constexpr double kCorrelatedPixels = 10;  // neighbours share their noise: images are blurred before resampling
+constexpr double kLeastNoise = 0.25;      // [grey levels]: quantisation after the blur
+constexpr double kPhotometricReach = 24;  // [px] over which gain and offset vary
+constexpr double kTrustInStart = 0.05;    // [1/px^2] per pixel: holds where there is no texture to refine by
+constexpr int kFinestCell = 4;            // [px]
 constexpr int kSteps = 14;
 
 constexpr double kHalfConfidence = 0.1;  // [px] deviation
@@ -38,9 +42,6 @@ cv::Size cellsOf(const cv::Size& image, int cell) {
   return {(image.width + cell - 1) / cell, (image.height + cell - 1) / cell};
 }
 
-/// Large cells have more than enough rows.
-int rowStep(int cell) { return cell > 4 ? 2 : 1; }
-
 cv::Mat blurCells(const cv::Mat& values, double sigma) {
   cv::Mat out;
   cv::GaussianBlur(values, out, {}, std::max(0.5, sigma), 0, cv::BORDER_REFLECT);
@@ -57,13 +58,15 @@ class DataTerm {
   /// @param surface  the cells' surface at each pixel; pixels of `d` far from it do not count
   /// @param gain     of the right image, per cell
   /// @param noise    [grey levels] standard deviation of the residual
-  CellSums sum(const cv::Mat& d, const cv::Mat& surface, const cv::Mat& gain, double noise, int cell) const {
+  /// @param row_step  every how many rows are summed
+  CellSums sum(const cv::Mat& d, const cv::Mat& surface, const cv::Mat& gain, double noise, int cell,
+               int row_step) const {
     CellSums cells(cellsOf(d.size(), cell));
     cv::parallel_for_(cv::Range(0, cells.w.rows), [&](const cv::Range& rows) {
       Row row(d.cols);
       for (int cy = rows.start; cy < rows.end; ++cy) {
         row.clear();
-        for (int y = cy * cell; y < std::min((cy + 1) * cell, d.rows); y += rowStep(cell)) {
+        for (int y = cy * cell; y < std::min((cy + 1) * cell, d.rows); y += row_step) {
           warp(y, d.ptr<float>(y), surface.ptr<float>(y), row);
           add(y, gain.ptr<float>(cy), static_cast<float>(noise * noise), cell, row);
         }
@@ -150,6 +153,7 @@ class DataTerm {
     const float* left = pair_.left.ptr<float>(y);
     const float* up = pair_.left.ptr<float>(std::max(y - 1, 0));
     const float* down = pair_.left.ptr<float>(std::min(y + 1, pair_.left.rows - 1));
+    constexpr auto outlier = static_cast<float>(1 / (kOutlier * kOutlier));
     const auto registration2 = static_cast<float>(kInterpolationError * kInterpolationError);
     const float *warped = row.warped.data(), *slope = row.slope.data(), *counts = row.counts.data();
     float *w_ = row.sums[0].data(), *wr = row.sums[1].data(), *wg = row.sums[2].data(), *wgr = row.sums[3].data(),
@@ -164,7 +168,8 @@ class DataTerm {
         const float r = left[x] - a * warped[x];
         const float g = 0.5f * (slope_left + a * slope[x]);
         const float variance = noise2 + registration2 * (slope_left * slope_left + slope_down * slope_down);
-        const float w = counts[x] / (variance + r * r * (1.0f / 9));
+        const float soft = 1 / (variance + r * r * outlier);
+        const float w = counts[x] * variance * soft * soft;  // falls faster than the gradient of any outlier grows
         w_[x] += w;
         wr[x] += w * r;
         wg[x] += w * g;
@@ -194,32 +199,8 @@ class DataTerm {
   }
 
   const RectifiedPair& pair_;
-  const cv::Mat& known_;
+  const cv::Mat known_;
 };
-
-/// Fills unknown values from known ones at growing distances, smoothly.
-cv::Mat fillUnknown(const cv::Mat& values, const cv::Mat& known) {
-  cv::Mat weight, filled = values.clone();
-  filled.setTo(0, ~known);
-  known.convertTo(weight, CV_32F, 1.0 / 255);
-  std::vector<cv::Mat> sums{filled}, weights{weight};
-  for (double scale = 0.25; std::min(sums.back().rows, sums.back().cols) > 8; scale = 0.5) {
-    cv::Mat sum, w;
-    cv::resize(sums.back(), sum, {}, scale, scale, cv::INTER_AREA);
-    cv::resize(weights.back(), w, {}, scale, scale, cv::INTER_AREA);
-    sums.push_back(sum);
-    weights.push_back(w);
-  }
-  cv::Mat coarse = sums.back() / (weights.back() + 1e-9f), fine;
-  for (std::size_t i = sums.size() - 1; i-- > 1;) {
-    cv::resize(coarse, fine, sums[i].size(), 0, 0, cv::INTER_LINEAR);
-    constexpr float kPull = 1e-3f;
-    coarse = (sums[i] + kPull * fine) / (weights[i] + kPull);
-  }
-  cv::resize(coarse, fine, values.size(), 0, 0, cv::INTER_LINEAR);
-  fine.copyTo(filled, ~known);
-  return filled;
-}
 
 /// Smooths away matching noise below a pixel, keeps larger steps.
 cv::Mat smoothBelowAPixel(const cv::Mat& d) {
@@ -261,10 +242,58 @@ cv::Mat meanOfCells(const cv::Mat& d, int cell) {
   return std::move(means);
 }
 
-/// The surface through the cells, at each pixel.
+/// Share of each cell that a mask covers.
+cv::Mat shareOfCells(const cv::Mat& mask, int cell) {
+  const cv::Size cells = cellsOf(mask.size(), cell);
+  cv::Mat whole, share;
+  cv::copyMakeBorder(mask, whole, 0, cells.height * cell - mask.rows, 0, cells.width * cell - mask.cols,
+                     cv::BORDER_REPLICATE);
+  whole.convertTo(whole, CV_32F, 1.0 / 255);
+  cv::resize(whole, share, cells, 0, 0, cv::INTER_AREA);
+  return share;
+}
+
+/// The surface through the cells' middles, at each pixel. Planes stay planes, which OpenCV's cubic kernel does not see
+/// to.
 cv::Mat surfaceThrough(const cv::Mat& cells, const cv::Size& size, int cell) {
-  cv::Mat out;
-  cv::resize(cells, out, cells.size() * cell, 0, 0, cv::INTER_CUBIC);
+  CV_Assert(cell % 4 == 0);
+  constexpr int kTaps = 5;  // a cell's pixels lie on both sides of its middle
+  std::vector<float> weights(static_cast<std::size_t>(kTaps * cell), 0.0f);
+  const auto split = [cell](int pixel) {  // cell before the middle of the pixel, and how far behind it
+    const float at = (static_cast<float>(pixel) + 0.5f) / static_cast<float>(cell) - 0.5f;
+    return std::make_pair(static_cast<int>(std::floor(at)), at - std::floor(at));
+  };
+  for (int pixel = 0; pixel < cell; ++pixel) {
+    const auto [before, t] = split(pixel);
+    const CubicWeights cubic(t);
+    for (int k = 0; k < 4; ++k) weights[static_cast<std::size_t>((before + 1 + k) * cell + pixel)] = cubic[k];
+  }
+  const int columns = cells.cols;
+  cv::Mat out(size.height, columns * cell, CV_32FC1);
+  cv::parallel_for_(cv::Range(0, size.height), [&](const cv::Range& rows) {
+    std::vector<float> line(static_cast<std::size_t>(columns + 4));
+    for (int y = rows.start; y < rows.end; ++y) {
+      const auto [before, t] = split(y);
+      const CubicWeights cubic(t);
+      const float* from[4];
+      for (int k = 0; k < 4; ++k) from[k] = cells.ptr<float>(std::clamp(before - 1 + k, 0, cells.rows - 1));
+      for (int x = 0; x < columns; ++x)
+        line[static_cast<std::size_t>(x + 2)] =
+            cubic[0] * from[0][x] + cubic[1] * from[1][x] + cubic[2] * from[2][x] + cubic[3] * from[3][x];
+      line[0] = line[1] = line[2];
+      line[static_cast<std::size_t>(columns + 2)] = line[static_cast<std::size_t>(columns + 3)] =
+          line[static_cast<std::size_t>(columns + 1)];
+      float* to = out.ptr<float>(y);
+      for (int x = 0; x < columns; ++x)
+        for (int first = 0; first < cell; first += 4, to += 4) {
+          cv::v_float32x4 sum = cv::v_setzero_f32();
+          for (int k = 0; k < kTaps; ++k)
+            sum = cv::v_muladd(cv::v_setall_f32(line[static_cast<std::size_t>(x + k)]),
+                               cv::v_load(&weights[static_cast<std::size_t>(k * cell + first)]), sum);
+          cv::v_store(to, sum);
+        }
+    }
+  });
   return out(cv::Rect({0, 0}, size));
 }
 
@@ -279,13 +308,13 @@ void follow(cv::Mat& d, const cv::Mat& before, const cv::Mat& after) {
   });
 }
 
-/// Stiffness of each cell: mu, less where the surface bends more than tissue does between its folds.
+/// Stiffness of each cell: mu, less where the surface bends more than tissue does between its folds. There it falls
+/// with the square of the bending, so that the bottom of a narrow fold is not drawn flat.
 cv::Mat bendingWeights(const cv::Mat& cells, int cell) {
   const double typical = kTypicalBending * cell * cell;
-  cv::Mat bending = squaredBending(cells), weights;
-  cv::sqrt(1 + bending / (typical * typical), weights);
-  weights = kSmoothness / (static_cast<double>(cell) * cell) / weights.mul(1 + bending);
-  return weights;
+  const cv::Mat bending = squaredBending(cells);
+  const cv::Mat softer = (1 + bending / (typical * typical)).mul(1 + bending);
+  return kSmoothness / (static_cast<double>(cell) * cell) / softer;
 }
 
 /// Error to expect of each cell [px]. The posterior deviation of a stiff sheet on data falls with both the information
@@ -304,37 +333,38 @@ cv::Mat deviationOfCells(const cv::Mat& information, const cv::Mat& stiffness) {
 RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start) {
   CV_Assert(start.type() == CV_32FC1 && start.size() == pair.left.size());
   const cv::Size size = start.size();
-  const cv::Mat matched = start == start;
-  const cv::Mat known = matched & pair.left_usable;
-  const DataTerm data(pair, known);
+  const cv::Mat known = start == start;
+  const DataTerm data(pair, known & pair.left_usable);
   RefinedDisparity out;
   cv::Mat& d = out.disparity;
-  d = smoothBelowAPixel(fillUnknown(start, matched));
+  d = smoothBelowAPixel(fillUnknown(start, known));
   const cv::Mat begin = d.clone();
   cv::Mat gain, last_information, last_stiffness;
   struct Level {
     int cell, rounds;
   };
-  for (const Level& level : {Level{2 * kFinestCell, 2}, Level{kFinestCell, 1}}) {
+  for (const Level& level : {Level{2 * kFinestCell, 2}, Level{kFinestCell, 2}}) {
     const int cell = level.cell;
     const double reach = kPhotometricReach / cell;
     cv::Mat cells = meanOfCells(d, cell), surface = surfaceThrough(cells, size, cell);
     const cv::Mat start_cells = last_information.empty() ? cells.clone() : meanOfCells(begin, cell);
+    const cv::Mat trust_in_start = kTrustInStart * cell * cell * shareOfCells(known, cell);
     const double noise = data.noise(d);
     if (gain.empty())
       gain = cv::Mat(cells.size(), CV_32FC1, cv::Scalar(1));
     else
       cv::resize(gain, gain, cells.size(), 0, 0, cv::INTER_LINEAR);
     for (int round = 0; round < level.rounds; ++round) {
-      const CellSums sums = data.sum(d, surface, gain, noise, cell);
+      const bool last = cell == kFinestCell && round + 1 == level.rounds;
+      const int row_step = last ? 1 : 2;  // half of the rows show the way
+      const CellSums sums = data.sum(d, surface, gain, noise, cell, row_step);
       const cv::Mat offset = blurCells(sums.wr, reach) / (blurCells(sums.w, reach) + 1e-9f);
       const cv::Mat right = blurCells(sums.right, reach);
       gain = blurCells(sums.left, reach) / (right + 1e-3f);
       gain.setTo(1, right < 1);
-      const double share = rowStep(cell) / kCorrelatedPixels;
-      const double trust_in_start = kTrustInStart * cell * cell;
+      const double share = row_step / kCorrelatedPixels;
       const cv::Mat information = sums.wgg * share + trust_in_start;
-      const cv::Mat gradient = (sums.wgr - offset.mul(sums.wg)) * share + trust_in_start * (cells - start_cells);
+      const cv::Mat gradient = (sums.wgr - offset.mul(sums.wg)) * share + trust_in_start.mul(cells - start_cells);
       last_stiffness = bendingWeights(cells, cell);
       const cv::Mat step = solveThinPlate(information, gradient, last_stiffness, cells, kSteps);
       cells += cv::min(cv::max(step, -1.0), 1.0);
@@ -345,8 +375,6 @@ RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start
     }
   }
   out.deviation = surfaceThrough(deviationOfCells(last_information, last_stiffness), size, kFinestCell).clone();
-  out.disparity.setTo(std::numeric_limits<float>::quiet_NaN(), ~matched);
-  out.deviation.setTo(std::numeric_limits<float>::quiet_NaN(), ~matched);
   return out;
 }
 

@@ -122,7 +122,9 @@ def figures(disparities, scene, fine_truth):
     """Share of pixels off by more than 2 px, and median error, of each disparity where all have one.
 
     What the truth itself is off by, the same everywhere, counts for no one: it is the mean of what each disparity has.
-    For aloe, whose truth was rounded down, that is a quarter of a pixel; for motorcycle 0.05 px.
+    For aloe, whose truth was rounded down, that is a quarter of a pixel; for motorcycle 0.05 px. Neither matcher is
+    needed to see it: the best correlation of 15 x 15 windows, the right one interpolated by cubic splines, lies 0.27 px
+    (aloe, 2912 well textured points) and 0.09 px (motorcycle, 590) beyond the truth.
     """
     pixels = np.logical_and.reduce([scene.judged(), *map(np.isfinite, disparities)])
     fine = pixels & np.isfinite(fine_truth)
