@@ -23,7 +23,6 @@ namespace {
 constexpr int kPolishLevel = 2;          // from this level on the polish takes over from Eq. (5)
 constexpr int kStiffLinearisations = 2;  // of the first polish, whose start is too rough to tell curvature from noise
 constexpr int kConjugateGradients = 60;  // per linearisation
-constexpr float kMostUnsure = 0.33f;     // share of pixels beyond which one smooth surface is no model of the flow
 constexpr float kAgreement = 1;          // of forward and backward flow [px of the level]
 
 /// One polish at a level, with the noise learned from what `visible` shows.
@@ -136,7 +135,7 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   cv::Mat1f error = predictError(level, flow.forward, hidden.visible, polished,
                                  static_cast<float>(settings.curvature * (1 << finest_level)), scale.suspect, threads);
   // Only at full resolution: a preset that ends before it promises its time.
-  if (finest_level == 0 && shareUnsure(error, flow.forward) > kMostUnsure) {
+  if (finest_level == 0 && shareUnsure(error, flow.forward) > static_cast<float>(settings.most_unsure)) {
     PiecewiseFlow piecewise = piecewiseFlow(levels, start, finest_level, settings, threads);
     flow.forward = std::move(piecewise.flow);
     error = piecewise.error;

@@ -35,6 +35,10 @@ struct FlowSettings {
   int full_polish_iterations = 2;    ///< and at full resolution
   int finest_level = 0;              ///< where the polish ends: 0 full resolution, 1 half, 2 a quarter
 
+  /// Share of unsure pixels beyond which one smooth surface is taken to be no model of the flow and a piecewise one is
+  /// fitted in its place, several times as slow; 1: never. Only at full resolution.
+  double most_unsure = 0.33;
+
   double search_range = 0.3;  ///< largest motion along an axis, as a share of the shorter side (kPolished)
 
   /// The settings of a preset: "default"; "fast"; "ji2014", the paper's model with the paper's parameters.
