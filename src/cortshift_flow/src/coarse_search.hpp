@@ -6,17 +6,14 @@
 
 namespace cortshift_flow {
 
-struct CoarseSearch {
-  int radius = 16;  ///< largest displacement along each axis [px of the level]
-  int window = 2;   ///< half width of the square windows that are compared [px of the level]
+struct SearchResult {
+  FlowPlanes forward, backward;
 };
 
 /// Best whole-pixel match of a window about every pixel by normalised correlation of the high-passed images, which
 /// neither gain nor offset changes; matches that do not agree forward and backward are replaced by a smooth
 /// continuation of those that do.
-struct SearchResult {
-  FlowPlanes forward, backward;
-};
-SearchResult searchCoarseFlow(const Level& level, const CoarseSearch& settings, int threads);
+/// @param radius  largest displacement along each axis [px of the level]
+SearchResult searchCoarseFlow(const Level& level, int radius, int threads);
 
 }  // namespace cortshift_flow

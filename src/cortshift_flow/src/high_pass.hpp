@@ -5,7 +5,7 @@
 
 namespace cortshift_flow {
 
-/// Both images less their low-pass of a few pixels.
-Level highPass(const Level& level);
+/// Both images less their low-pass of a few pixels, of which the share `kept` stays.
+Level highPass(const Level& level, float kept = 0);
 
 }  // namespace cortshift_flow

@@ -5,15 +5,10 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
-#include "mismatch.hpp"
-#include "parallel.hpp"
-
 namespace cortshift_flow {
 namespace {
 
-constexpr int kSmallestSide = 32;       // of an image that DIS has patches for [px]
-constexpr int kWindow = 3;              // half width of the compared windows [px of the level]
-constexpr float kClearlyBetter = 0.9f;  // of the present mismatch
+constexpr int kSmallestSide = 32;  // of an image that DIS has patches for [px]
 
 /// DIS cuts its work by the number of OpenCV's threads, and what comes out depends on the cut: one thread, always.
 class OneThread {
@@ -64,20 +59,6 @@ InverseSearch inverseSearch(const Level& fine, cv::Size size, int threads) {
     search(second, first, result.backward);
   }
   return result;
-}
-
-void adoptWhereBetter(const Level& level, const FlowPlanes& other, const cv::Mat1b& eligible, FlowPlanes& flow,
-                      int threads) {
-  const Plane present = windowMismatch(level, flow, kWindow, threads);
-  const Plane offered = windowMismatch(level, other, kWindow, threads);
-  forRows(present.height(), threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y)
-      for (int x = 0; x < present.width(); ++x)
-        if (eligible(y, x) && offered.row(y)[x] < kClearlyBetter * present.row(y)[x]) {
-          flow.u.row(y)[x] = other.u.row(y)[x];
-          flow.v.row(y)[x] = other.v.row(y)[x];
-        }
-  });
 }
 
 }  // namespace cortshift_flow

@@ -14,8 +14,4 @@ struct InverseSearch {
 /// @param size  of that grid
 InverseSearch inverseSearch(const Level& fine, cv::Size size, int threads);
 
-/// Takes `other` in place of `flow` at eligible pixels (CV_8UC1, not 0) where windows then mismatch less.
-void adoptWhereBetter(const Level& level, const FlowPlanes& other, const cv::Mat1b& eligible, FlowPlanes& flow,
-                      int threads);
-
 }  // namespace cortshift_flow

@@ -13,6 +13,9 @@ namespace cortshift_flow {
 
 namespace {
 
+constexpr int kAdoptWindow = 3;        // half width of the windows that choose between two flows [px of the level]
+constexpr float kAdoptIfBelow = 0.9f;  // of the present mismatch
+
 typedef float Float8 __attribute__((vector_size(32)));
 typedef float Float4 __attribute__((vector_size(16)));
 
@@ -112,6 +115,20 @@ cv::Mat1b matched(const Level& level, const FlowPlanes& flow, float limit, int t
     }
   });
   return result;
+}
+
+void adoptWhereBetter(const Level& level, const FlowPlanes& other, const cv::Mat1b& eligible, FlowPlanes& flow,
+                      int threads) {
+  const Plane present = windowMismatch(level, flow, kAdoptWindow, threads);
+  const Plane offered = windowMismatch(level, other, kAdoptWindow, threads);
+  forRows(present.height(), threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y)
+      for (int x = 0; x < present.width(); ++x)
+        if (eligible(y, x) && offered.row(y)[x] < kAdoptIfBelow * present.row(y)[x]) {
+          flow.u.row(y)[x] = other.u.row(y)[x];
+          flow.v.row(y)[x] = other.v.row(y)[x];
+        }
+  });
 }
 
 }  // namespace cortshift_flow

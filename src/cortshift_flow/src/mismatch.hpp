@@ -19,6 +19,10 @@ void mismatchRow(const Level& level, int x0, int y, const float* u, const float*
 /// Mean mismatch of the square window of half width `window` about each pixel.
 Plane windowMismatch(const Level& level, const FlowPlanes& flow, int window, int threads);
 
+/// Takes `other` in place of `flow` at eligible pixels (CV_8UC1, not 0) where windows then mismatch less.
+void adoptWhereBetter(const Level& level, const FlowPlanes& other, const cv::Mat1b& eligible, FlowPlanes& flow,
+                      int threads);
+
 /// What counts as a mismatch for this pair of images, from what is usual for it.
 struct MismatchScale {
   float suspect = 0;    ///< windows that mismatch by more should try another flow [intensity, summed over channels]

@@ -12,6 +12,7 @@
 #include "parallel.hpp"
 #include "prepare.hpp"
 #include "rough_flow.hpp"
+#include "variational.hpp"
 
 namespace cortshift_flow {
 namespace {
@@ -19,6 +20,7 @@ namespace {
 constexpr int kLinearisations = 8, kFullLinearisations = 6;  // per level, and at full resolution
 constexpr int kMedian = 5;                                   // side of the median filter [px]
 constexpr float kAgreement = 1;                              // of forward and backward flow [px of the level]
+constexpr float kColourKept = 0.2f;                          // of slow variations: smooth objects have nothing else
 constexpr float kOrdinaryError = 0.2f;                       // where both directions agree [px]
 constexpr float kHiddenError = 4;                            // where they do not [px]
 
@@ -42,6 +44,15 @@ void improve(const Level& level, int linearisations, FlowPlanes& flow, int threa
   }
 }
 
+/// Takes the paper's model where it fits the colours better: it follows smooth objects that have no texture to match.
+void consultColours(const Level& level, FlowBothWays& flow, int threads) {
+  const FlowSettings model = FlowSettings::preset("ji2014");
+  const cv::Mat1b everywhere(level.first.size(), 1);
+  const Level forward = interpolableLevel(level), backward = interpolableLevel(swapped(level));
+  adoptWhereBetter(forward, minimiseCoarseToFine(level, model, threads), everywhere, flow.forward, threads);
+  adoptWhereBetter(backward, minimiseCoarseToFine(swapped(level), model, threads), everywhere, flow.backward, threads);
+}
+
 /// Gap between following the flow there and back, and no motion; infinite where a mask excludes the pixel.
 cv::Mat1f gapError(const FlowBothWays& flow, const cv::Mat1b& agree, const cv::Mat1b& valid) {
   cv::Mat1f error(agree.size());
@@ -63,10 +74,11 @@ cv::Mat1f gapError(const FlowBothWays& flow, const cv::Mat1b& agree, const cv::M
 PiecewiseFlow piecewiseFlow(const std::vector<Level>& levels, int start, int finest, const FlowSettings& settings,
                             int threads) {
   FlowBothWays flow = roughFlow(levels, start, settings, threads);
+  consultColours(levels[static_cast<std::size_t>(start)], flow, threads);
   cv::Mat1b agree;
   for (int l = start; l >= finest; --l) {
     const Level& level = levels[static_cast<std::size_t>(l)];
-    const Level texture = highPass(level);
+    const Level texture = highPass(level, kColourKept);
     const Level forward = interpolableLevel(texture), backward = interpolableLevel(swapped(texture));
     const cv::Size size = level.first.size();
     const int linearisations = l > 0 ? kLinearisations : kFullLinearisations;

@@ -17,10 +17,8 @@ namespace {
 constexpr float kPatchAgreement = 1.5f;  // of the patches' flow forward and backward [px of the level]
 constexpr int kSearchSide = 48;  // the search runs at the first level whose shorter side is below twice this [px]
 
-CoarseSearch searchAt(const Level& level, double range) {
-  CoarseSearch search;
-  search.radius = std::max(2, static_cast<int>(std::ceil(range * std::min(level.first.rows, level.first.cols))));
-  return search;
+int searchRadius(const Level& level, double range) {
+  return std::max(2, static_cast<int>(std::ceil(range * std::min(level.first.rows, level.first.cols))));
 }
 
 /// Takes the patches' flow where it fits better: they follow what the windows of the search lose.
@@ -47,7 +45,7 @@ std::vector<Level> searchPyramid(const Level& images, int threads) {
 }
 
 FlowBothWays roughFlow(const std::vector<Level>& levels, int finest, const FlowSettings& settings, int threads) {
-  SearchResult found = searchCoarseFlow(levels.back(), searchAt(levels.back(), settings.search_range), threads);
+  SearchResult found = searchCoarseFlow(levels.back(), searchRadius(levels.back(), settings.search_range), threads);
   FlowBothWays flow{std::move(found.forward), std::move(found.backward)};
   LevelEffort effort;
   effort.energy.alpha = static_cast<float>(settings.alpha);

@@ -41,26 +41,19 @@ Figures figures(const PlanarPhantom& phantom, const FlowSettings& settings = {},
 // chosen on.
 class PapersPhantom : public testing::TestWithParam<std::uint32_t> {};
 
-TEST_P(PapersPhantom, Outward) {
-  const Figures f = figures(phantomOf("outward_all", GetParam()));
+void expectThePapersBars(const Figures& f, double rim) {
   EXPECT_LT(f.core.median, 0.012);
   EXPECT_LT(f.core.percentile_95, 0.03);
   EXPECT_LT(f.all.mean, 0.06);
-  EXPECT_LT(f.rim, 10);
+  EXPECT_LT(f.rim, rim);
   EXPECT_LT(f.patch.largest, 0.6);
   EXPECT_GT(f.confidence.caught, 0.95);
   EXPECT_GT(f.confidence.kept, 0.97);
 }
 
-TEST_P(PapersPhantom, Inward) {
-  const Figures f = figures(phantomOf("inward_all", GetParam()));
-  EXPECT_LT(f.core.median, 0.012);
-  EXPECT_LT(f.core.percentile_95, 0.03);
-  EXPECT_LT(f.rim, 2);
-  EXPECT_LT(f.patch.largest, 0.6);
-  EXPECT_GT(f.confidence.caught, 0.95);
-  EXPECT_GT(f.confidence.kept, 0.97);
-}
+TEST_P(PapersPhantom, Outward) { expectThePapersBars(figures(phantomOf("outward_all", GetParam())), 10); }
+
+TEST_P(PapersPhantom, Inward) { expectThePapersBars(figures(phantomOf("inward_all", GetParam())), 2); }
 
 INSTANTIATE_TEST_SUITE_P(Cortices, PapersPhantom, testing::Values(3u, 7u));
 
@@ -126,7 +119,7 @@ TEST(Phantom, QuadratureErrorIsFarBelowTheFlowsError) {
   settings.size = {96, 96};
   settings.eight_bit = false;
   const cv::Mat usual = makePlanarPhantom(settings).second;
-  settings.quadrature = 4;
+  settings.quadrature = 6;
   const cv::Mat finer = makePlanarPhantom(settings).second;
   // An intensity error e moves the flow by e / |gradient|; compared over the image, both as root mean squares.
   double error = 0, gradient = 0;
@@ -137,7 +130,7 @@ TEST(Phantom, QuadratureErrorIsFarBelowTheFlowsError) {
       error += e.dot(g) * e.dot(g);
       gradient += g.dot(g) * g.dot(g);
     }
-  EXPECT_LT(std::sqrt(error / gradient), 0.01);
+  EXPECT_LT(std::sqrt(error / gradient), 0.003);
 }
 
 TEST(Phantom, OutwardFlowIsEquationSix) {

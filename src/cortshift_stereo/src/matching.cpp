@@ -86,6 +86,18 @@ cv::Mat matchByStructure(const cv::Mat& left, const cv::Mat& right, const Search
   return matchSemiGlobal(left, right, range);
 }
 
+void dropIslands(cv::Mat& disparity) {
+  constexpr double kShare = 1e-3, kStepOfFixed = 16, kNeighbours = 0.75;  // [px] apart at most
+  constexpr int kNone = std::numeric_limits<int16_t>::min();
+  cv::Mat fixed;
+  const cv::Mat known = disparity == disparity;
+  disparity.convertTo(fixed, CV_16S, kStepOfFixed);
+  fixed.setTo(kNone, ~known);
+  cv::filterSpeckles(fixed, kNone, cvRound(kShare * static_cast<double>(disparity.total())),
+                     kStepOfFixed * kNeighbours);
+  disparity.setTo(std::numeric_limits<float>::quiet_NaN(), fixed == kNone);
+}
+
 SearchRange possibleRange(const StereoModel& model, double near, double far) {
   CV_Assert(near > 0 && far > near);
   const double f_times_b = model.left.P(0, 0) * model.baseline();

@@ -13,6 +13,8 @@
 namespace cortshift_stereo {
 namespace {
 
+constexpr double kAgreement = 2;  // [px] between matching and refinement; beyond, one of them is wrong
+
 std::string describe(const cv::Size& size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
 
 std::string number(double value) {
@@ -28,12 +30,12 @@ void checkSize(const cv::Mat& image, const CameraModel& camera, const std::strin
                                       ": set the camera's resolution or calibrate again.");
 }
 
-/// Points only where both images have usable pixels.
-void dropUnusable(cv::Mat& disparity, const RectifiedPair& pair) {
+/// Points only where both images have pixels of a mask.
+void keepWhereBoth(cv::Mat& disparity, const cv::Mat& left_mask, const cv::Mat& right_mask) {
   for (int y = 0; y < disparity.rows; ++y) {
     float* d = disparity.ptr<float>(y);
-    const uint8_t* left = pair.left_usable.ptr<uint8_t>(y);
-    const uint8_t* right = pair.right_usable.ptr<uint8_t>(y);
+    const uint8_t* left = left_mask.ptr<uint8_t>(y);
+    const uint8_t* right = right_mask.ptr<uint8_t>(y);
     for (int x = 0; x < disparity.cols; ++x) {
       const int partner = std::isnan(d[x]) ? -1 : static_cast<int>(std::lround(static_cast<float>(x) - d[x]));
       if (partner < 0 || partner >= disparity.cols || !left[x] || !right[partner])
@@ -111,10 +113,15 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
                                     " m: check that both belong to one pair, that left and right are not swapped, and "
                                     "the calibration.");
   result.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, quality.search_range);
-  dropUnusable(result.disparity, pair);
+  const cv::Mat match = result.disparity.clone();
+  keepWhereBoth(result.disparity, pair.left_usable, pair.right_usable);
+  if (pair.has_highlights) dropIslands(result.disparity);
   const RefinedDisparity refined = refineDisparity(pair, result.disparity);
   result.disparity = refined.disparity;
-  result.disparity.setTo(std::numeric_limits<float>::quiet_NaN(), refined.deviation > settings.max_deviation);
+  const cv::Mat agree = cv::abs(match - refined.disparity) < kAgreement;  // not for NaN
+  result.disparity.setTo(std::numeric_limits<float>::quiet_NaN(),
+                         ~agree | (refined.deviation > settings.max_deviation));
+  keepWhereBoth(result.disparity, pair.left_seen, pair.right_seen);
 
   quality.coverage = std::min(1.0, shareOfValid(result.disparity) / std::max(1e-6, rectifier.leftShare()));
   Surface& surface = result.surface_left;

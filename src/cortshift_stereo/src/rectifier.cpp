@@ -8,11 +8,11 @@
 #include <stdexcept>
 
 #include "cubic.hpp"
+#include "fill.hpp"
+#include "highlights.hpp"
 
 namespace cortshift_stereo {
 namespace {
-
-constexpr int kSaturated = 250;  // [grey levels] in two channels at least: no texture is left there
 
 constexpr double kBlur = 0.9;  // [px] before resampling: what is left is what cubic convolution can interpolate
 
@@ -146,26 +146,26 @@ double Rectifier::leftShare() const {
   return static_cast<double>(cv::countNonZero(left_.inside)) / static_cast<double>(left_.inside.total());
 }
 
-cv::Mat Rectifier::usable(const cv::Mat& raw, const Side& side) {
-  cv::Mat mask(raw.size(), CV_8UC1);
-  bool any = false;
-  for (int y = 0; y < raw.rows; ++y) {
-    const uint8_t* from = raw.ptr<uint8_t>(y);
-    uint8_t* to = mask.ptr<uint8_t>(y);
-    for (int x = 0; x < raw.cols; ++x) {
-      const int channels =
-          (from[3 * x] >= kSaturated) + (from[3 * x + 1] >= kSaturated) + (from[3 * x + 2] >= kSaturated);
-      const bool saturated = channels >= 2;
-      any |= saturated;
-      to[x] = saturated ? 0 : 255;
-    }
-  }
-  if (!any) return side.inside;
-  // The rim of a highlight is blurred and clipped in part; the interpolation kernel reaches over it.
-  cv::erode(mask, mask, cv::Mat::ones(5, 5, CV_8U));
-  cv::Mat rectified;
-  cv::remap(mask, rectified, side.map_near, side.map_share, cv::INTER_NEAREST);
-  return rectified & side.inside;
+bool Rectifier::rectifySide(const cv::Mat& raw, const Side& side, const RectifiedSide& out) {
+  cv::Mat grey = luminance(raw), rounded;
+  grey.convertTo(rounded, CV_8U);
+  cv::remap(rounded, out.sharp, side.map_near, side.map_share, cv::INTER_LINEAR);
+  cv::GaussianBlur(grey, grey, {5, 5}, kBlur, 0, cv::BORDER_REPLICATE);
+  out.smooth = sample(grey, side.map, side.inside);
+  out.seen = out.usable = side.inside;
+  const Highlights highlights = findHighlights(raw);
+  if (highlights.glow.empty()) return false;
+  const auto without = [&](const cv::Mat& mask) {
+    cv::Mat rectified;
+    cv::remap(mask, rectified, side.map_near, side.map_share, cv::INTER_NEAREST);
+    return cv::Mat(~rectified & side.inside);
+  };
+  out.seen = without(highlights.saturated);
+  out.usable = without(highlights.glow);
+  cv::Mat values;
+  out.sharp.convertTo(values, CV_32F);
+  fillUnknown(values, out.usable | ~side.inside).convertTo(out.sharp, CV_8U);
+  return true;
 }
 
 RectifiedPair Rectifier::rectify(const cv::Mat& left, const cv::Mat& right) const {
@@ -175,21 +175,15 @@ RectifiedPair Rectifier::rectify(const cv::Mat& left, const cv::Mat& right) cons
                                   std::to_string(model_.left.size.width) + "x" +
                                   std::to_string(model_.left.size.height));
   RectifiedPair out;
-  const auto rectifySide = [](const cv::Mat& raw, const Side& side, cv::Mat& smooth, cv::Mat& sharp, cv::Mat& mask) {
-    cv::Mat grey = luminance(raw), rounded;
-    grey.convertTo(rounded, CV_8U);
-    cv::remap(rounded, sharp, side.map_near, side.map_share, cv::INTER_LINEAR);
-    cv::GaussianBlur(grey, grey, {5, 5}, kBlur, 0, cv::BORDER_REPLICATE);
-    smooth = sample(grey, side.map, side.inside);
-    mask = usable(raw, side);
-  };
+  bool left_highlights = false, right_highlights = false;
   cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
     for (int side = sides.start; side < sides.end; ++side)
       if (side == 0)
-        rectifySide(left, left_, out.left, out.left_sharp, out.left_usable);
+        left_highlights = rectifySide(left, left_, {out.left, out.left_sharp, out.left_seen, out.left_usable});
       else
-        rectifySide(right, right_, out.right, out.right_sharp, out.right_usable);
+        right_highlights = rectifySide(right, right_, {out.right, out.right_sharp, out.right_seen, out.right_usable});
   });
+  out.has_highlights = left_highlights || right_highlights;
   out.left_colour = sampleColour(left, left_.map, left_.inside);
   return out;
 }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cubic.hpp"
+#include "fill.hpp"
 #include "thin_plate.hpp"
 
 namespace cortshift_stereo {
@@ -16,6 +17,7 @@ namespace {
 constexpr double kSmoothness = 2e3;           // mu [px^2]: weight of bending against data
 constexpr double kTypicalBending = 0.0007;    // [px / px^2] beyond which psi grows linearly
 constexpr double kInterpolationError = 0.05;  // [px] the gradient times this is the error of resampling
+constexpr double kOutlier = 4.5;              // [standard deviations] of the residual that halve its influence and more
 constexpr double kCorrelatedPixels = 10;      // neighbours share their noise: images are blurred before resampling
 constexpr double kLeastNoise = 0.25;          // [grey levels]: quantisation after the blur
 constexpr double kPhotometricReach = 24;      // [px] over which gain and offset vary
@@ -150,6 +152,7 @@ class DataTerm {
     const float* left = pair_.left.ptr<float>(y);
     const float* up = pair_.left.ptr<float>(std::max(y - 1, 0));
     const float* down = pair_.left.ptr<float>(std::min(y + 1, pair_.left.rows - 1));
+    constexpr auto outlier = static_cast<float>(1 / (kOutlier * kOutlier));
     const auto registration2 = static_cast<float>(kInterpolationError * kInterpolationError);
     const float *warped = row.warped.data(), *slope = row.slope.data(), *counts = row.counts.data();
     float *w_ = row.sums[0].data(), *wr = row.sums[1].data(), *wg = row.sums[2].data(), *wgr = row.sums[3].data(),
@@ -164,7 +167,8 @@ class DataTerm {
         const float r = left[x] - a * warped[x];
         const float g = 0.5f * (slope_left + a * slope[x]);
         const float variance = noise2 + registration2 * (slope_left * slope_left + slope_down * slope_down);
-        const float w = counts[x] / (variance + r * r * (1.0f / 9));
+        const float soft = 1 / (variance + r * r * outlier);
+        const float w = counts[x] * variance * soft * soft;  // falls faster than the gradient of any outlier grows
         w_[x] += w;
         wr[x] += w * r;
         wg[x] += w * g;
@@ -194,32 +198,8 @@ class DataTerm {
   }
 
   const RectifiedPair& pair_;
-  const cv::Mat& known_;
+  const cv::Mat known_;
 };
-
-/// Fills unknown values from known ones at growing distances, smoothly.
-cv::Mat fillUnknown(const cv::Mat& values, const cv::Mat& known) {
-  cv::Mat weight, filled = values.clone();
-  filled.setTo(0, ~known);
-  known.convertTo(weight, CV_32F, 1.0 / 255);
-  std::vector<cv::Mat> sums{filled}, weights{weight};
-  for (double scale = 0.25; std::min(sums.back().rows, sums.back().cols) > 8; scale = 0.5) {
-    cv::Mat sum, w;
-    cv::resize(sums.back(), sum, {}, scale, scale, cv::INTER_AREA);
-    cv::resize(weights.back(), w, {}, scale, scale, cv::INTER_AREA);
-    sums.push_back(sum);
-    weights.push_back(w);
-  }
-  cv::Mat coarse = sums.back() / (weights.back() + 1e-9f), fine;
-  for (std::size_t i = sums.size() - 1; i-- > 1;) {
-    cv::resize(coarse, fine, sums[i].size(), 0, 0, cv::INTER_LINEAR);
-    constexpr float kPull = 1e-3f;
-    coarse = (sums[i] + kPull * fine) / (weights[i] + kPull);
-  }
-  cv::resize(coarse, fine, values.size(), 0, 0, cv::INTER_LINEAR);
-  fine.copyTo(filled, ~known);
-  return filled;
-}
 
 /// Smooths away matching noise below a pixel, keeps larger steps.
 cv::Mat smoothBelowAPixel(const cv::Mat& d) {
@@ -259,6 +239,17 @@ cv::Mat meanOfCells(const cv::Mat& d, int cell) {
       }
   });
   return std::move(means);
+}
+
+/// Share of each cell that a mask covers.
+cv::Mat shareOfCells(const cv::Mat& mask, int cell) {
+  const cv::Size cells = cellsOf(mask.size(), cell);
+  cv::Mat whole, share;
+  cv::copyMakeBorder(mask, whole, 0, cells.height * cell - mask.rows, 0, cells.width * cell - mask.cols,
+                     cv::BORDER_REPLICATE);
+  whole.convertTo(whole, CV_32F, 1.0 / 255);
+  cv::resize(whole, share, cells, 0, 0, cv::INTER_AREA);
+  return share;
 }
 
 /// The surface through the cells, at each pixel.
@@ -304,22 +295,22 @@ cv::Mat deviationOfCells(const cv::Mat& information, const cv::Mat& stiffness) {
 RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start) {
   CV_Assert(start.type() == CV_32FC1 && start.size() == pair.left.size());
   const cv::Size size = start.size();
-  const cv::Mat matched = start == start;
-  const cv::Mat known = matched & pair.left_usable;
-  const DataTerm data(pair, known);
+  const cv::Mat known = start == start;
+  const DataTerm data(pair, known & pair.left_usable);
   RefinedDisparity out;
   cv::Mat& d = out.disparity;
-  d = smoothBelowAPixel(fillUnknown(start, matched));
+  d = smoothBelowAPixel(fillUnknown(start, known));
   const cv::Mat begin = d.clone();
   cv::Mat gain, last_information, last_stiffness;
   struct Level {
     int cell, rounds;
   };
-  for (const Level& level : {Level{2 * kFinestCell, 2}, Level{kFinestCell, 1}}) {
+  for (const Level& level : {Level{2 * kFinestCell, 2}, Level{kFinestCell, 2}}) {
     const int cell = level.cell;
     const double reach = kPhotometricReach / cell;
     cv::Mat cells = meanOfCells(d, cell), surface = surfaceThrough(cells, size, cell);
     const cv::Mat start_cells = last_information.empty() ? cells.clone() : meanOfCells(begin, cell);
+    const cv::Mat trust_in_start = kTrustInStart * cell * cell * shareOfCells(known, cell);
     const double noise = data.noise(d);
     if (gain.empty())
       gain = cv::Mat(cells.size(), CV_32FC1, cv::Scalar(1));
@@ -332,9 +323,8 @@ RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start
       gain = blurCells(sums.left, reach) / (right + 1e-3f);
       gain.setTo(1, right < 1);
       const double share = rowStep(cell) / kCorrelatedPixels;
-      const double trust_in_start = kTrustInStart * cell * cell;
       const cv::Mat information = sums.wgg * share + trust_in_start;
-      const cv::Mat gradient = (sums.wgr - offset.mul(sums.wg)) * share + trust_in_start * (cells - start_cells);
+      const cv::Mat gradient = (sums.wgr - offset.mul(sums.wg)) * share + trust_in_start.mul(cells - start_cells);
       last_stiffness = bendingWeights(cells, cell);
       const cv::Mat step = solveThinPlate(information, gradient, last_stiffness, cells, kSteps);
       cells += cv::min(cv::max(step, -1.0), 1.0);
@@ -345,8 +335,6 @@ RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start
     }
   }
   out.deviation = surfaceThrough(deviationOfCells(last_information, last_stiffness), size, kFinestCell).clone();
-  out.disparity.setTo(std::numeric_limits<float>::quiet_NaN(), ~matched);
-  out.deviation.setTo(std::numeric_limits<float>::quiet_NaN(), ~matched);
   return out;
 }
 

@@ -14,12 +14,13 @@ using cortshift_stereo_test::HeightErrors;
 using cortshift_stereo_test::PhantomPair;
 using cortshift_stereo_test::quantile;
 
+cortshift_stereo_phantom::PhantomCase demoCase() {
+  return cortshift_stereo_phantom::loadPhantomCase(std::string(CORTSHIFT_CONFIG_DIR) + "/phantom/phantom_case.yaml");
+}
+
 class PhantomAccuracy : public ::testing::Test {
  protected:
-  static void SetUpTestSuite() {
-    pair = new PhantomPair(
-        cortshift_stereo_phantom::loadPhantomCase(std::string(CORTSHIFT_CONFIG_DIR) + "/phantom/phantom_case.yaml"), 0);
-  }
+  static void SetUpTestSuite() { pair = new PhantomPair(demoCase(), 0); }
   static void TearDownTestSuite() { delete pair; }
 
   static ReconstructionResult see(const Exposure& exposure) {
@@ -61,6 +62,24 @@ TEST_F(PhantomAccuracy, noisyImagesOnePairAndEight) {
   EXPECT_LE(eight.median, 0.045e-3);
   EXPECT_LE(eight.p95, 0.13e-3);
   EXPECT_GE(eight.valid_share, 0.97);
+}
+
+TEST_F(PhantomAccuracy, wetHighlightsCostOnlyWhatTheyHide) {
+  cortshift_stereo_phantom::PhantomCase wet_case = demoCase();
+  wet_case.light.specular = 0.7;
+  wet_case.light.shininess = 1500;
+  const PhantomPair wet(wet_case, 2);
+  const auto images = wet.take({4.0 / 255, 1, 0});
+  const Rectifier rectifier(wet.model());
+  const ReconstructionResult result = reconstruct(images.left, images.right, rectifier);
+  const HeightErrors errors = wet.heightErrors(result.disparity);
+  // The bounds for one dry pair.
+  EXPECT_LE(errors.median, 0.08e-3);
+  EXPECT_LE(errors.p95, 0.22e-3);
+  EXPECT_GE(errors.valid_share, 0.95);
+  const RectifiedPair rectified = rectifier.rectify(images.left, images.right);
+  EXPECT_LT(errors.valid_share, 1 - 0.01) << "saturated pixels have no point";
+  EXPECT_EQ(cv::countNonZero(~rectified.left_seen & (result.disparity == result.disparity)), 0);
 }
 
 TEST_F(PhantomAccuracy, confidencePredictsTheError) {

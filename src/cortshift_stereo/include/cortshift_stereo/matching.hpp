@@ -21,6 +21,10 @@ cv::Mat matchSemiGlobal(const cv::Mat& left, const cv::Mat& right, const SearchR
 /// eighth and leaves an error that refinement removes; a scene with many edges of depth at full resolution.
 cv::Mat matchByStructure(const cv::Mat& left, const cv::Mat& right, const SearchRange& range);
 
+/// Removes connected parts too small to trust, as matches between highlights are: 1/1000 of the image.
+/// @param disparity  CV_32FC1 [px], NaN where invalid
+void dropIslands(cv::Mat& disparity);
+
 /// Disparities that a surface between the two working distances can have, for cameras with two principal points.
 /// @param near, far  [m] along the rectified z axis, 0 < near < far
 SearchRange possibleRange(const StereoModel& model, double near, double far);

@@ -12,11 +12,14 @@ namespace cortshift_stereo {
 struct RectifiedPair {
   cv::Mat left;          ///< CV_32FC1 luminance, 0...255, slightly blurred, sampled to a fraction of a grey level
   cv::Mat right;         ///< the same
-  cv::Mat left_sharp;    ///< CV_8UC1 luminance as it comes, for matching by pixels
+  cv::Mat left_sharp;    ///< CV_8UC1 luminance as it comes, highlights painted over, for matching by pixels
   cv::Mat right_sharp;   ///< the same
   cv::Mat left_colour;   ///< CV_8UC3 blue green red
-  cv::Mat left_usable;   ///< CV_8UC1, 255 where the raw image has a pixel that is not saturated
+  cv::Mat left_seen;     ///< CV_8UC1, 255 where the raw image has a pixel that is not saturated
+  cv::Mat right_seen;    ///< the same
+  cv::Mat left_usable;   ///< CV_8UC1, 255 where it shows the tissue itself, not the glow of a highlight either
   cv::Mat right_usable;  ///< the same
+  bool has_highlights;   ///< either image
 };
 
 /// Rectification by each camera's own K, D, R and P (the two principal points may differ).
@@ -53,7 +56,11 @@ class Rectifier {
     cv::Mat map_share;
   };
   static Side makeSide(const CameraModel& camera, const SettingsWarp* warp, const MicroscopeSetting& setting);
-  static cv::Mat usable(const cv::Mat& raw, const Side& side);
+  struct RectifiedSide {
+    cv::Mat &smooth, &sharp, &seen, &usable;
+  };
+  /// @returns whether it has highlights
+  static bool rectifySide(const cv::Mat& raw, const Side& side, const RectifiedSide& out);
 
   StereoModel model_;
   Side left_;

@@ -8,8 +8,8 @@
 namespace cortshift_stereo {
 
 struct RefinedDisparity {
-  cv::Mat disparity;  ///< CV_32FC1 x_left - x_right [px]; NaN where the start was
-  cv::Mat deviation;  ///< CV_32FC1 [px] standard deviation to expect; NaN where the start was
+  cv::Mat disparity;  ///< CV_32FC1 x_left - x_right [px]; also where the start was unknown
+  cv::Mat deviation;  ///< CV_32FC1 [px] standard deviation to expect; large far from any known start
 };
 
 /// Variational refinement of a disparity that is right to about a pixel.

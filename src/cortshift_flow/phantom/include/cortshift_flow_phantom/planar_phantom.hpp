@@ -33,7 +33,7 @@ struct PlanarPhantomSettings {
   double gain = 1, offset = 0;    ///< of the second image; intensities 0...1
   double vignette = 0;            ///< fall of the second image's brightness towards the corners, 0...1
   double blood = 0;               ///< share of the craniotomy that blood hides in the second image, 0...1
-  int quadrature = 3;             ///< Gauss points per pixel side over which the texture is integrated: 1...4
+  int quadrature = 4;             ///< Gauss points per pixel side over which the texture is integrated: 1...4 or 6
   bool eight_bit = true;          ///< CV_8UC3; otherwise CV_32FC3, 0...1, not quantised
 };
 
