@@ -102,10 +102,9 @@ Agreement agreementOf(const Seen& first, const Seen& second, const cv::Mat& flow
   agreement.residual = cv::Mat(a.size(), CV_32FC1, cv::Scalar(1));
   agreement.hue = hueChange(first.colour, second_colour, {weight, kHueWindow * settings.window, resolution});
   agreement.bend = bendOf(flow, resolution, {cv::Mat::ones(a.size(), CV_32FC1), settings.window, resolution});
-  agreement.share = window.share();
   for (int row = 0; row < a.rows; ++row)
     for (int column = 0; column < a.cols; ++column) {
-      if (weight.at<float>(row, column) == 0 || agreement.share.at<float>(row, column) < WindowMean::kLeastShare)
+      if (weight.at<float>(row, column) == 0 || window.share().at<float>(row, column) < WindowMean::kLeastShare)
         continue;
       const float ma = mean_a.at<float>(row, column), mb = mean_b.at<float>(row, column);
       const float va = std::max(0.0F, mean_aa.at<float>(row, column) - ma * ma),
@@ -123,14 +122,14 @@ Agreement agreementOf(const Seen& first, const Seen& second, const cv::Mat& flow
 
 float probabilityOfMatch(const MatchEvidence& evidence) {
   if (!std::isfinite(evidence.flow_error)) return 0;  // the flow itself knows nothing there
-  return logistic(-22.12F - 0.7122F * logWithin(evidence.flow_error, 3e-6F, 1e-3F) + 4.432F * evidence.correlation -
-                  0.8201F * logWithin(evidence.residual, 0.002F, 0.2F) - 0.446F * logWithin(evidence.hue, 0.01F, 1.0F) -
-                  0.9722F * logWithin(evidence.bend, 1e-6F, 5e-4F));
+  return logistic(-21.91F - 0.6251F * logWithin(evidence.flow_error, 3e-6F, 1e-3F) + 4.531F * evidence.correlation -
+                  0.7433F * logWithin(evidence.residual, 0.002F, 0.2F) -
+                  0.4316F * logWithin(evidence.hue, 0.01F, 1.0F) - 1.054F * logWithin(evidence.bend, 5e-6F, 5e-4F));
 }
 
 float probabilityOfHeight(const HeightEvidence& evidence) {
-  return logistic(-10.51F - 1.427F * logWithin(evidence.roughness, 2e-6F, 1e-3F) +
-                  1.08F * logWithin(evidence.confidence, 0.003F, 1.0F) + 0.6237F * evidence.share);
+  return logistic(-10.39F - 1.505F * logWithin(evidence.roughness, 2e-6F, 1e-3F) +
+                  1.506F * logWithin(evidence.confidence, 0.003F, 1.0F));
 }
 
 cv::Mat probabilityOfMatch(const cv::Mat& flow_confidence, const Agreement& agreement, double resolution) {

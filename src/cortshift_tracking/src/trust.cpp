@@ -65,8 +65,7 @@ cv::Mat sample(const cv::Mat& image, const cv::Mat& map, int interpolation) {
 }
 
 /// Probability for every vector that ends at `map` that its heights are right: CV_32FC1.
-cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later, const cv::Mat& map,
-                             const cv::Mat& share, double window) {
+cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later, const cv::Mat& map, double window) {
   cv::Mat first = earlier.height.clone(), second = later.height.clone();
   cv::patchNaNs(first, 0);
   cv::patchNaNs(second, 0);
@@ -83,23 +82,30 @@ cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later,
   parallelRanges(probability.rows, 0, [&](int first_row, int last_row) {
     for (int row = first_row; row < last_row; ++row)
       for (int column = 0; column < probability.cols; ++column)
-        probability.at<float>(row, column) = probabilityOfHeight(
-            {roughness.at<float>(row, column), surfaces.at<float>(row, column), share.at<float>(row, column)});
+        probability.at<float>(row, column) =
+            probabilityOfHeight({roughness.at<float>(row, column), surfaces.at<float>(row, column)});
   });
   return probability;
 }
 
-/// Takes the confidence from patches smaller than four of the windows in which their vectors were compared: amid
-/// vectors that are probably wrong, a few that seem right are chance.
+/// Takes the confidence from patches of probable vectors that are smaller than four of the windows in which the images
+/// were compared or nowhere as wide as one: amid vectors that are probably wrong, a few that seem right are chance.
 void dropIslands(cv::Mat& confidence, double window) {
   constexpr double kProbable = 0.5;
-  cv::Mat labels, statistics, centroids;
-  const int count = cv::connectedComponentsWithStats(confidence >= kProbable, labels, statistics, centroids, 4, CV_32S);
+  const cv::Mat probable = confidence >= kProbable;
+  cv::Mat labels, statistics, centroids, to_edge;
+  const int count = cv::connectedComponentsWithStats(probable, labels, statistics, centroids, 4, CV_32S);
+  cv::distanceTransform(probable, to_edge, cv::DIST_L2, cv::DIST_MASK_PRECISE);
+  std::vector<char> kept(static_cast<std::size_t>(count), 0);
+  for (int row = 0; row < labels.rows; ++row)
+    for (int column = 0; column < labels.cols; ++column)
+      if (2 * to_edge.at<float>(row, column) >= window) kept[static_cast<std::size_t>(labels.at<int>(row, column))] = 1;
+  for (int label = 1; label < count; ++label)
+    if (statistics.at<int>(label, cv::CC_STAT_AREA) < 4 * window * window) kept[static_cast<std::size_t>(label)] = 0;
   for (int row = 0; row < labels.rows; ++row)
     for (int column = 0; column < labels.cols; ++column) {
       const int label = labels.at<int>(row, column);
-      if (label > 0 && label < count && statistics.at<int>(label, cv::CC_STAT_AREA) < 4 * window * window)
-        confidence.at<float>(row, column) = 0;
+      if (label > 0 && kept[static_cast<std::size_t>(label)] == 0) confidence.at<float>(row, column) = 0;
     }
 }
 
@@ -158,7 +164,7 @@ cv::Mat combineConfidence(const Projection& earlier, const Projection& later, co
   const Agreement agreement = agreementOf(seen(earlier, earlier_usable), seen(later, later_usable), flow,
                                           earlier.resolution, settings.agreement);
   cv::Mat confidence = probabilityOfMatch(flow_confidence, agreement, earlier.resolution)
-                           .mul(probabilityOfHeights(earlier, later, map, agreement.share, settings.agreement.window));
+                           .mul(probabilityOfHeights(earlier, later, map, settings.agreement.window));
   confidence.setTo(0, allowed == 0);
   dropIslands(confidence, settings.agreement.window / earlier.resolution);
   return confidence;

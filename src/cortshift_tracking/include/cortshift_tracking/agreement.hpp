@@ -27,7 +27,6 @@ struct Agreement {
   cv::Mat residual;     ///< CV_32FC1 standard deviation of the patterns' difference, of a mean brightness of 0.5
   cv::Mat hue;          ///< CV_32FC1 change of the colour's log ratios, less what changed everywhere
   cv::Mat bend;         ///< CV_32FC1 root mean square of the flow's deviation from its own mean over the window [m]
-  cv::Mat share;        ///< CV_32FC1 0...1: part of the window that can be compared
 };
 
 /// @param flow [grid units]; second(x + flow(x)) is compared with first(x)
@@ -55,7 +54,6 @@ cv::Mat probabilityOfMatch(const cv::Mat& flow_confidence, const Agreement& agre
 struct HeightEvidence {
   float roughness = 0;   ///< root mean square deviation of the change of height from its mean over the window [m]
   float confidence = 0;  ///< the lower one of the two surfaces
-  float share = 0;       ///< see Agreement
 };
 
 /// Probability that the change of height is right to 0.25 mm where the vector is right within the plane.
