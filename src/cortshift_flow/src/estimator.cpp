@@ -38,23 +38,24 @@ PolishedFlow polishAt(const Level& level, int l, const cv::Mat1b& visible, const
   return polish(pair, noiseWeights(pair, start, visible), visible, start, effort, threads);
 }
 
-/// What of the first image the second does not show.
-struct Hidden {
-  cv::Mat1b uncovered;  ///< non-zero where no pixel of the second image comes from
-  cv::Mat1b visible;    ///< 1 where a pixel has a match that looks like it
-};
+/// 1 where the flow of a pixel is confirmed by its colours or by the opposite flow.
+cv::Mat1b confirmed(const Level& level, const FlowPlanes& flow, const FlowPlanes& opposite, float unmatched,
+                    int threads) {
+  return matched(level, flow, unmatched, threads) |
+         (consistent(flow, opposite, kAgreement, threads) & shown(level, flow, threads));
+}
 
-Hidden findHidden(const Level& level, const FlowBothWays& flow, const cv::Mat1b& uncovered, float unmatched,
-                  int threads) {
-  Hidden hidden{uncovered, matched(level, flow.forward, unmatched, threads) |
-                               consistent(flow.forward, flow.backward, kAgreement, threads)};
+/// Non-zero where a pixel's flow ends on what the second image shows, and what it shows there is something else.
+/// @param uncovered  non-zero where no pixel of the second image comes from
+cv::Mat1b findOccluded(const Level& level, const FlowBothWays& flow, const cv::Mat1b& uncovered, float unmatched,
+                       int threads) {
+  cv::Mat1b seen = confirmed(level, flow.forward, flow.backward, unmatched, threads);
   // Specks are noise, not occlusion.
-  cv::morphologyEx(hidden.visible, hidden.visible, cv::MORPH_CLOSE, cv::Mat::ones(7, 7, CV_8U));
-  hidden.visible &= (uncovered == 0);
-  if (!level.first_valid.empty()) hidden.visible &= level.first_valid;
+  cv::morphologyEx(seen, seen, cv::MORPH_CLOSE, cv::Mat::ones(7, 7, CV_8U));
+  cv::Mat1b occluded = (uncovered | (seen == 0)) & (shown(level, flow.forward, threads) != 0);
   // Next to what is hidden the flow is unsure, and everything hidden is continued from there.
-  cv::erode(hidden.visible, hidden.visible, cv::Mat::ones(5, 5, CV_8U));
-  return hidden;
+  cv::dilate(occluded, occluded, cv::Mat::ones(5, 5, CV_8U));
+  return occluded;
 }
 
 /// Share of unsure pixels among those that count and whose match lies inside the second image.
@@ -85,7 +86,7 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
 
   // Second-order polish from coarse to fine; at each level but the finest first the boundaries and what is hidden.
   Level level;
-  Hidden hidden;
+  cv::Mat1b uncovered, occluded, visible;
   PolishedFlow polished;
   MismatchScale scale;
   const int finest_level = std::min(settings.finest_level, start);
@@ -97,9 +98,8 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
     if (flow.forward.u.size() != size) flow.forward = doubled(flow.forward, size, threads);
     const bool finest = l == 0 && start > 0;
     if (finest) {
-      cv::resize(hidden.visible, hidden.visible, size, 0, 0, cv::INTER_NEAREST);
-      cv::resize(hidden.uncovered, hidden.uncovered, size, 0, 0, cv::INTER_NEAREST);
-      if (!level.first_valid.empty()) hidden.visible &= level.first_valid;
+      cv::resize(occluded, occluded, size, 0, 0, cv::INTER_NEAREST);
+      cv::resize(uncovered, uncovered, size, 0, 0, cv::INTER_NEAREST);
     } else {
       scale = mismatchScale(level, flow.forward, threads);
       const Level backward = interpolableLevel(
@@ -112,27 +112,27 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
       } else {
         flow.backward = doubled(flow.backward, size, threads);
       }
-      const cv::Mat1b trusted = matched(backward, flow.backward, scale.unmatched, threads) |
-                                consistent(flow.backward, flow.forward, kAgreement, threads);
-      const cv::Mat1b uncovered = coveredBy(flow.backward, trusted) == 0;
+      const cv::Mat1b trusted = confirmed(backward, flow.backward, flow.forward, scale.unmatched, threads);
+      uncovered = coveredBy(flow.backward, trusted) == 0;
       exchangeFlow(level, exchangeReaches(), kMatchWindow, scale.suspect, uncovered, flow.forward, threads);
-      hidden = findHidden(level, flow, uncovered, scale.unmatched, threads);
-      continueFlow(level.first, hidden.visible, Continue::kByColour, flow.forward, threads);
+      occluded = findOccluded(level, flow, uncovered, scale.unmatched, threads);
     }
-    polished = polishAt(level, l, hidden.visible, flow.forward,
+    visible = shown(level, flow.forward, threads) & (occluded == 0);
+    if (!finest) continueFlow(level.first, visible, Continue::kByColour, flow.forward, threads);
+    polished = polishAt(level, l, visible, flow.forward,
                         finest ? settings.full_polish_iterations : settings.coarse_polish_iterations,
                         l == start ? kStiffLinearisations : 0, settings, threads);
     flow.forward = evaluate(polished, flow.forward, threads);
     if (l > 0 && brightness.significant())
-      brightness = BrightnessMap::fit(levels[static_cast<std::size_t>(l)], flow.forward, hidden.visible, threads);
+      brightness = BrightnessMap::fit(levels[static_cast<std::size_t>(l)], flow.forward, visible, threads);
   }
   cv::Mat1b settled;
   cv::resize(polished.regular, settled, cv::Size(), SplineGrid::kSpacing, SplineGrid::kSpacing, cv::INTER_NEAREST);
-  settled = settled(cv::Rect(cv::Point(), level.first.size())) | (hidden.uncovered != 0);
+  settled = settled(cv::Rect(cv::Point(), level.first.size())) | (uncovered != 0);
   exchangeFlow(level, {6, 12}, 1, scale.suspect, settled, flow.forward, threads);
 
   Estimate estimate;
-  cv::Mat1f error = predictError(level, flow.forward, hidden.visible, polished,
+  cv::Mat1f error = predictError(level, flow.forward, visible, polished,
                                  static_cast<float>(settings.curvature * (1 << finest_level)), scale.suspect, threads);
   // Only at full resolution: a preset that ends before it promises its time.
   if (finest_level == 0 && shareUnsure(error, flow.forward) > static_cast<float>(settings.most_unsure)) {

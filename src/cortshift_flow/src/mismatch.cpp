@@ -91,7 +91,9 @@ MismatchScale mismatchScale(const Level& level, const FlowPlanes& flow, int thre
   const Plane mean = windowMismatch(level, flow, kMatchWindow, threads);
   std::vector<float> values;
   for (int y = 0; y < mean.height(); y += 2)
-    for (int x = 0; x < mean.width(); x += 2) values.push_back(mean.row(y)[x]);
+    for (int x = 0; x < mean.width(); x += 2)
+      if (level.first_valid.empty() || level.first_valid(y, x)) values.push_back(mean.row(y)[x]);
+  if (values.empty()) values.push_back(0);
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   const float usual = *middle;
@@ -101,18 +103,27 @@ MismatchScale mismatchScale(const Level& level, const FlowPlanes& flow, int thre
   return scale;
 }
 
+cv::Mat1b shown(const Level& level, const FlowPlanes& flow, int threads) {
+  cv::Mat1b result(flow.u.size(), uchar{0});
+  const auto last_x = static_cast<float>(result.cols - 1), last_y = static_cast<float>(result.rows - 1);
+  forRows(result.rows, threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y)
+      for (int x = 0; x < result.cols; ++x) {
+        if (!level.first_valid.empty() && !level.first_valid(y, x)) continue;
+        const float px = static_cast<float>(x) + flow.u.row(y)[x], py = static_cast<float>(y) + flow.v.row(y)[x];
+        if (!(px >= 0 && py >= 0 && px <= last_x && py <= last_y)) continue;
+        result(y, x) = level.second_valid.empty() || level.second_valid(static_cast<int>(py), static_cast<int>(px));
+      }
+  });
+  return result;
+}
+
 cv::Mat1b matched(const Level& level, const FlowPlanes& flow, float limit, int threads) {
   const Plane mean = windowMismatch(level, flow, kMatchWindow, threads);
-  cv::Mat1b result(mean.size());
-  const auto last_x = static_cast<float>(mean.width() - 1), last_y = static_cast<float>(mean.height() - 1);
-  forRows(mean.height(), threads, [&](int begin, int end) {
-    for (int y = begin; y < end; ++y) {
-      const float *u = flow.u.row(y), *v = flow.v.row(y), *mismatch = mean.row(y);
-      for (int x = 0; x < mean.width(); ++x) {
-        const float px = static_cast<float>(x) + u[x], py = static_cast<float>(y) + v[x];
-        result(y, x) = mismatch[x] <= limit && px >= 0 && py >= 0 && px <= last_x && py <= last_y;
-      }
-    }
+  cv::Mat1b result = shown(level, flow, threads);
+  forRows(result.rows, threads, [&](int begin, int end) {
+    for (int y = begin; y < end; ++y)
+      for (int x = 0; x < result.cols; ++x) result(y, x) = result(y, x) && mean.row(y)[x] <= limit;
   });
   return result;
 }

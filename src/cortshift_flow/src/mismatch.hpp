@@ -30,7 +30,10 @@ struct MismatchScale {
 };
 MismatchScale mismatchScale(const Level& level, const FlowPlanes& flow, int threads);
 
-/// 1 where a window about the pixel looks the same at both ends of its flow, which lies inside the second image.
+/// 1 (CV_8UC1) where a pixel that counts flows to a place that the second image shows.
+cv::Mat1b shown(const Level& level, const FlowPlanes& flow, int threads);
+
+/// 1 where it is shown and a window about the pixel looks the same at both ends of its flow.
 /// @param limit  largest mean mismatch [intensity, 0...1, summed over the channels]
 cv::Mat1b matched(const Level& level, const FlowPlanes& flow, float limit, int threads);
 
