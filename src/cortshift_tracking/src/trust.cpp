@@ -9,7 +9,9 @@
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/registration.hpp"
 #include "flow_targets.hpp"
+#include "parallel.hpp"
 #include "range.hpp"
+#include "window_mean.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -62,6 +64,51 @@ cv::Mat sample(const cv::Mat& image, const cv::Mat& map, int interpolation) {
   return out;
 }
 
+/// Probability for every vector that ends at `map` that its heights are right: CV_32FC1.
+cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later, const cv::Mat& map, double window) {
+  cv::Mat first = earlier.height.clone(), second = later.height.clone();
+  cv::patchNaNs(first, 0);
+  cv::patchNaNs(second, 0);
+  cv::Mat covered = sample(later.mask, map, cv::INTER_LINEAR) == 255;
+  covered &= earlier.mask;
+  covered.convertTo(covered, CV_32F, 1.0 / 255.0);
+  const WindowMean mean(covered, window, earlier.resolution);
+  const cv::Mat change = sample(second, map, cv::INTER_LINEAR) - first;
+  const cv::Mat deviation = change - mean.of(change);
+  cv::Mat roughness;
+  cv::sqrt(mean.of(deviation.mul(deviation)), roughness);
+  const cv::Mat surfaces = cv::min(earlier.confidence, sample(later.confidence, map, cv::INTER_LINEAR));
+  cv::Mat probability(covered.size(), CV_32FC1);
+  parallelRanges(probability.rows, 0, [&](int first_row, int last_row) {
+    for (int row = first_row; row < last_row; ++row)
+      for (int column = 0; column < probability.cols; ++column)
+        probability.at<float>(row, column) =
+            probabilityOfHeight({roughness.at<float>(row, column), surfaces.at<float>(row, column)});
+  });
+  return probability;
+}
+
+/// Takes the confidence from patches of probable vectors that are smaller than four of the windows in which the images
+/// were compared or nowhere as wide as one: amid vectors that are probably wrong, a few that seem right are chance.
+void dropIslands(cv::Mat& confidence, double window) {
+  constexpr double kProbable = 0.5;
+  const cv::Mat probable = confidence >= kProbable;
+  cv::Mat labels, statistics, centroids, to_edge;
+  const int count = cv::connectedComponentsWithStats(probable, labels, statistics, centroids, 4, CV_32S);
+  cv::distanceTransform(probable, to_edge, cv::DIST_L2, cv::DIST_MASK_PRECISE);
+  std::vector<char> kept(static_cast<std::size_t>(count), 0);
+  for (int row = 0; row < labels.rows; ++row)
+    for (int column = 0; column < labels.cols; ++column)
+      if (2 * to_edge.at<float>(row, column) >= window) kept[static_cast<std::size_t>(labels.at<int>(row, column))] = 1;
+  for (int label = 1; label < count; ++label)
+    if (statistics.at<int>(label, cv::CC_STAT_AREA) < 4 * window * window) kept[static_cast<std::size_t>(label)] = 0;
+  for (int row = 0; row < labels.rows; ++row)
+    for (int column = 0; column < labels.cols; ++column) {
+      const int label = labels.at<int>(row, column);
+      if (label > 0 && kept[static_cast<std::size_t>(label)] == 0) confidence.at<float>(row, column) = 0;
+    }
+}
+
 }  // namespace
 
 void TrustSettings::validate() const {
@@ -110,17 +157,16 @@ cv::Mat combineConfidence(const Projection& earlier, const Projection& later, co
   };
   const cv::Mat map = flowTargets(flow);
   const cv::Mat allowed = inner(earlier) & earlier_usable & sample(inner(later) & later_usable, map, cv::INTER_NEAREST);
-  const cv::Mat later_confidence = sample(later.confidence, map, cv::INTER_LINEAR);
-  const auto seen = [](const Projection& projection, const cv::Mat& usable) {
-    return flowImage(projection.colour, usable, "luminance", RegistrationSettings().detail);
+  const auto seen = [](const Projection& projection, const cv::Mat& usable) -> Seen {
+    return {flowImage(projection.colour, usable, "luminance", RegistrationSettings().detail), projection.colour,
+            usable};
   };
-  const Agreement agreement = agreementOf(seen(earlier, earlier_usable), seen(later, later_usable), earlier_usable,
-                                          later_usable, flow, earlier.resolution, settings.agreement);
-  cv::Mat confidence = probabilityOfMatch(flow_confidence, agreement, earlier.resolution);
-  constexpr double kSureSurface = 0.25;  // surface confidence from which the height adds no doubt
-  cv::Mat surface = cv::min(earlier.confidence, later_confidence) / kSureSurface;
-  confidence = confidence.mul(cv::min(surface, 1.0));
+  const Agreement agreement = agreementOf(seen(earlier, earlier_usable), seen(later, later_usable), flow,
+                                          earlier.resolution, settings.agreement);
+  cv::Mat confidence = probabilityOfMatch(flow_confidence, agreement, earlier.resolution)
+                           .mul(probabilityOfHeights(earlier, later, map, settings.agreement.window));
   confidence.setTo(0, allowed == 0);
+  dropIslands(confidence, settings.agreement.window / earlier.resolution);
   return confidence;
 }
 

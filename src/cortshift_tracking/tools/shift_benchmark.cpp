@@ -160,6 +160,12 @@ void run(const std::string& case_path, const Options& options) {
       if (!options.pictures.empty())
         writePictures(result, directions, options.pictures + "/" + name(from) + "__" + name(to));
     }
+  const auto pointsOf = [](const cortshift_stereo::Surface& surface) {
+    return cv::countNonZero(surface.confidence > 0);
+  };
+  std::printf("\n%s: surfaces of %d x %d points, %d of the first stage valid; grid %d x %d\n\n",
+              scene->description().name.c_str(), surfaces[0].size().width, surfaces[0].size().height,
+              pointsOf(surfaces[0]), direct.frame.size.width, direct.frame.size.height);
   if (consecutive.size() > 1 && !options.from_first) {
     const Closure closure = closureOf(consecutive, direct);
     std::printf(

@@ -13,27 +13,50 @@ struct AgreementSettings {
   void validate() const;
 };
 
-/// Two images with their local brightness divided out, compared in a window around each pixel of the first. Blood, a
-/// changed surface and a wrong match lower the agreement, and so does lack of texture.
-struct Agreement {
-  cv::Mat correlation;  ///< CV_32FC1 -1...1; 0 where nothing can be compared
-  cv::Mat residual;     ///< CV_32FC1 standard deviation of the difference, of a mean brightness of 0.5
+/// What is compared of a stage.
+struct Seen {
+  cv::Mat pattern;  ///< as of flowImage(): local brightness divided out
+  cv::Mat colour;   ///< CV_32FC3 0...1
+  cv::Mat usable;   ///< CV_8UC1
 };
 
-/// @param first, second as of flowImage(); second(x + flow(x)) is compared with first(x)
-/// @param first_usable, second_usable CV_8UC1
+/// Two stages compared in a window around each pixel of the first. Blood, an instrument, a changed surface and a wrong
+/// match lower the agreement, and so does lack of texture.
+struct Agreement {
+  cv::Mat correlation;  ///< CV_32FC1 -1...1 of the patterns; 0 where nothing can be compared
+  cv::Mat residual;     ///< CV_32FC1 standard deviation of the patterns' difference, of a mean brightness of 0.5
+  cv::Mat hue;          ///< CV_32FC1 change of the colour's log ratios, less what changed everywhere
+  cv::Mat bend;         ///< CV_32FC1 root mean square of the flow's deviation from its own mean over the window [m]
+};
+
+/// @param flow [grid units]; second(x + flow(x)) is compared with first(x)
 /// @param resolution of the grid [m]
-Agreement agreementOf(const cv::Mat& first, const cv::Mat& second, const cv::Mat& first_usable,
-                      const cv::Mat& second_usable, const cv::Mat& flow, double resolution,
+Agreement agreementOf(const Seen& first, const Seen& second, const cv::Mat& flow, double resolution,
                       const AgreementSettings& settings = {});
 
-/// Probability that a vector is right to 0.25 mm, from the flow's own predicted error and the images' agreement: a
-/// logistic model.
-/// @param flow_error predicted error of the flow [m]
-double probabilityOfMatch(double flow_error, double correlation, double residual);
+/// Evidence about one vector of a flow.
+struct MatchEvidence {
+  float flow_error = 0;   ///< the flow's own predicted error [m]
+  float correlation = 0;  ///< this and the following: see Agreement
+  float residual = 0;
+  float hue = 0;
+  float bend = 0;
+};
+
+/// Probability that the vector is right to 0.25 mm within the plane of the projection: a logistic model.
+float probabilityOfMatch(const MatchEvidence& evidence);
 
 /// The same for a whole flow: CV_32FC1 0...1.
 /// @param flow_confidence CV_32FC1 0...1 of computeFlow()
 cv::Mat probabilityOfMatch(const cv::Mat& flow_confidence, const Agreement& agreement, double resolution);
+
+/// Evidence about the two heights that a vector leads from and to.
+struct HeightEvidence {
+  float roughness = 0;   ///< root mean square deviation of the change of height from its mean over the window [m]
+  float confidence = 0;  ///< the lower one of the two surfaces
+};
+
+/// Probability that the change of height is right to 0.25 mm where the vector is right within the plane.
+float probabilityOfHeight(const HeightEvidence& evidence);
 
 }  // namespace cortshift_tracking

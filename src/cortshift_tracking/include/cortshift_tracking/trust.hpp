@@ -30,9 +30,9 @@ cv::Mat erodeBorder(const cv::Mat& mask, double border, double hole_border);
 /// Part of the earlier surface's projected area that the later surface covers too, 0...1 (0 if there is no area).
 double overlapOf(const Projection& earlier, const Projection& later);
 
-/// Everything that speaks about trust in one number: CV_32FC1 0...1 over the earlier image: probabilityOfMatch, less
-/// where either surface is unsure, and 0 where the start or the end of a vector is not usable or too near to the
-/// border.
+/// Everything that speaks about trust in one number: CV_32FC1 0...1 over the earlier image, the probability that a
+/// vector is right to 0.25 mm: probabilityOfMatch times probabilityOfHeight; 0 where the start or the end of a vector
+/// is not usable or too near to the border, and in patches smaller than four windows in which the images are compared.
 /// @param flow_confidence CV_32FC1 0...1, of the registration
 cv::Mat combineConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
                           const cv::Mat& flow_confidence, const cv::Mat& earlier_usable, const cv::Mat& later_usable,
