@@ -17,7 +17,7 @@ struct RegistrationSettings {
   double bend = 20;       ///< expected second derivative of the displacement along the surface [1/m], 0.01 ... 1000
   double search = 0.007;  ///< largest motion within the plane that is looked for [m], 0.001 ... 0.05
   double coarse_resolution = 0.0002;  ///< grid of the first looks [m]; none where the grid itself is as coarse
-  int coarse_rounds = 4;              ///< first looks at most, each from the sure vectors of the one before, 0 ... 10
+  int coarse_rounds = 8;              ///< first looks at most, each from the sure vectors of the one before, 0 ... 10
   cortshift_flow::FlowSettings flow;  ///< its curvature and search range follow from `bend` and `search`
 
   /// @throws TrackingError naming the setting, its value and what is allowed.
