@@ -16,7 +16,7 @@ enum class Interpolation {
 
 struct InversionSettings {
   Interpolation interpolation = Interpolation::kLinear;
-  double min_confidence = 0.6;  ///< vectors below it become NaN, 0 ... 1; those of confidence 0 always do
+  double min_confidence = 0.5;  ///< vectors below it become NaN, 0 ... 1; those of confidence 0 always do
   int threads = 0;              ///< 0: all that OpenCV has; the result does not depend on it
 
   /// @throws TrackingError naming the setting, its value and the allowed range.
