@@ -146,7 +146,7 @@ def test_tool(tmp_path):
     field = make_field()
     bag = str(tmp_path / 'before__after.bag')
     with rosbag.Bag(bag, 'w') as out:
-        message = to_message(field, summarise(field, 1.0, 0.1))
+        message = to_message(field, summarise(field, 1.0, 0.1, field.normal_pmr))
         out.write('/shift/field', message, message.header.stamp)
     outputs = [str(tmp_path / f'field.{ending}') for ending in ('npz', 'vtp', 'ply', 'csv')]
     run_tool('export_field', bag, *outputs, '--axes', 'LPS')
