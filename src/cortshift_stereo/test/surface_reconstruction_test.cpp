@@ -93,8 +93,9 @@ class Theatre {
     infos_[0].publish(toCameraInfo(model.left, header));
     infos_[1].publish(toCameraInfo(model.right, header));
   }
-  void sendSettings(double magnification) {
+  void sendSettings(double magnification, const ros::Time& since = ros::Time()) {
     cortshift_msgs::MicroscopeSettings settings;
+    settings.header.stamp = since;
     settings.magnification = magnification;
     settings.focal_length = 0.3;
     settings_.publish(settings);
@@ -297,6 +298,25 @@ TEST_F(SurfaceReconstructionTest, aMicroscopeSettingOtherThanThatOfTheCalibratio
   expectReason(dropOfPair(left, right), "settings", "magnification 2.5");
   theatre->sendSettings(1.0);
   theatre->waitFor([] { return false; }, 0.3);
+}
+
+TEST_F(SurfaceReconstructionTest, aSettingReportedAfterThePairItHoldsForCounts) {
+  theatre->sendSettings(1.0);
+  theatre->waitFor([] { return false; }, 0.3);
+  const ros::Time zoomed = theatre->nextStamp();
+  theatre->sendImages(zoomed, zoomed, left, right);
+  theatre->waitFor([] { return false; }, 0.3);
+  theatre->sendSettings(2.5, zoomed - ros::Duration(0.5));
+  theatre->waitFor([] { return false; }, 0.3);
+  theatre->sendPosesAround(zoomed);  // what is made under the earlier setting is held up until here
+  expectReason(theatre->dropOf(zoomed), "settings", "magnification 2.5");
+
+  const ros::Time back = theatre->nextStamp();
+  theatre->sendPosesAround(back);
+  theatre->sendImages(back, back, left, right);
+  theatre->waitFor([] { return false; }, 0.03);
+  theatre->sendSettings(1.0, back - ros::Duration(0.5));
+  EXPECT_TRUE(theatre->cloudAt(back)) << theatre->message_;
 }
 
 TEST_F(SurfaceReconstructionTest, imagesThatCannotGiveASurfaceAreRefused) {

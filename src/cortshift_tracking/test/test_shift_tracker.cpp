@@ -18,6 +18,8 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "analytic_scene.hpp"
@@ -31,7 +33,9 @@ constexpr double kDegree = M_PI / 180;
 
 template <typename Message>
 boost::shared_ptr<Message const> latched(const std::string& topic) {
-  return ros::topic::waitForMessage<Message>(topic, ros::Duration(10));
+  const auto message = ros::topic::waitForMessage<Message>(topic, ros::Duration(30));
+  if (!message) throw std::runtime_error("nothing came on " + topic);
+  return message;
 }
 
 class ShiftTrackerNode : public testing::Test {
@@ -198,7 +202,6 @@ TEST_F(ShiftTrackerNode, MalformedSurfacesAreNamedAndSurvived) {
   bool reported = false;
   for (int i = 0; i < 30 && !reported; ++i) {
     const auto array = latched<diagnostic_msgs::DiagnosticArray>("/diagnostics");
-    ASSERT_TRUE(array);
     for (const auto& status : array->status)
       reported |= status.name == "shift_tracker: surfaces" && status.level == diagnostic_msgs::DiagnosticStatus::ERROR;
   }
@@ -260,7 +263,6 @@ TEST_F(ShiftTrackerNode, FieldHasTheNumbersOfTheTruth) {
   const auto answer = compute("a", "b");
   ASSERT_TRUE(answer.success) << answer.message;
   const auto message = latched<cortshift_msgs::DisplacementField>("/shift/field");
-  ASSERT_TRUE(message);
   EXPECT_EQ(message->header.frame_id, "pmr");
   EXPECT_EQ(message->header.stamp, stages[1].stamp);
   EXPECT_EQ(message->from_key, "a");
@@ -285,14 +287,11 @@ TEST_F(ShiftTrackerNode, FieldHasTheNumbersOfTheTruth) {
   EXPECT_GT(answer.summary.compute_time, 0.0);
 
   const auto points = latched<sensor_msgs::PointCloud2>("/shift/points");
-  ASSERT_TRUE(points);
   EXPECT_EQ(points->data, message->points.data);
   const auto markers = latched<visualization_msgs::MarkerArray>("/shift/markers");
-  ASSERT_TRUE(markers);
   EXPECT_GT(markers->markers.size(), 20U);
   for (const char* topic : {"/shift/overlay_before", "/shift/overlay_after", "/shift/magnitude"}) {
     const auto image = latched<sensor_msgs::Image>(topic);
-    ASSERT_TRUE(image) << topic;
     EXPECT_EQ(image->encoding, "bgr8");
     EXPECT_EQ(image->width, 1024U);
   }
@@ -369,12 +368,11 @@ TEST_F(ShiftTrackerNode, ShiftFromTheMrGoesOnFromTheStageThatIsRegisteredToIt) {
   EXPECT_LT(onwards.summary.gravity_mean / direct.summary.gravity_mean, 3.5);
   EXPECT_GT(onwards.summary.gravity_mean / direct.summary.gravity_mean, 1.5);
   const auto message = latched<cortshift_msgs::DisplacementField>("/shift/field");
-  ASSERT_TRUE(message);
   EXPECT_EQ(message->from_key, "pmr");
   EXPECT_EQ(message->to_key, "b");
   EXPECT_EQ(message->header.stamp, stages[1].stamp);
   expectTheTruth(fieldFromMessage(*message), onwards.summary.valid_points, 5000);
-  ASSERT_TRUE(latched<sensor_msgs::Image>("/shift/overlay_after"));
+  EXPECT_NO_THROW(latched<sensor_msgs::Image>("/shift/overlay_after"));
   std::filesystem::remove_all(folder + "/fields");
 }
 

@@ -5,7 +5,9 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <exception>
 #include <type_traits>
+#include <utility>
 
 #include "cortshift_stereo/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
@@ -24,6 +26,8 @@ std::string text(const ros::Time& stamp) {
   std::snprintf(out, sizeof out, "%u.%09u", stamp.sec, stamp.nsec);
   return out;
 }
+
+constexpr std::chrono::milliseconds kLateSetting{200};  // topics do not overtake one another by more
 
 double now() { return ros::WallTime::now().toSec(); }
 
@@ -67,6 +71,7 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
       "microscope/settings", 10, [this](const cortshift_msgs::MicroscopeSettings::ConstPtr& message) {
         const std::lock_guard<std::mutex> lock(input_mutex_);
         settings_.add(message);
+        input_arrived_.notify_all();
       }));
   unpaired_timer_ =
       node_.createWallTimer(ros::WallDuration(0.1), [this](const ros::WallTimerEvent&) { reportUnpaired(); });
@@ -140,15 +145,7 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
   const auto pose_at = [this](const std::string& target, const std::string& source, const ros::Time& time) {
     return poses_.lookup(target, source, time, ros::WallDuration(parameters_.pose_timeout));
   };
-  const PairMessages messages = gather(pair, stamp);
-  const PairSurface surface = reconstruction_(messages, pose_at);
-  {
-    const std::lock_guard<std::mutex> lock(input_mutex_);
-    if (settings_.at(stamp) != messages.settings)
-      throw PairError("settings",
-                      "The microscope's setting at the time of the pair was reported too late: take the pair "
-                      "again.");
-  }
+  const PairSurface surface = reconstruct(gather(pair, stamp), pose_at);
   std_msgs::Header header;
   header.stamp = stamp;
   header.frame_id = parameters_.map_frame;
@@ -199,6 +196,26 @@ bool SurfaceReconstruction::averagePairs(cortshift_msgs::AveragePairs::Request& 
   }
   if (!response.success) ROS_WARN_STREAM("average_pairs refused: " << response.message);
   return true;
+}
+
+PairSurface SurfaceReconstruction::reconstruct(PairMessages messages, const PoseAt& pose_at) {
+  while (true) {
+    std::optional<PairSurface> surface;
+    std::exception_ptr refusal;
+    try {
+      surface = reconstruction_(messages, pose_at);
+    } catch (...) {
+      refusal = std::current_exception();
+    }
+    const auto setting_changed = [&] { return settings_.at(messages.stamp) != messages.settings; };
+    std::unique_lock<std::mutex> lock(input_mutex_);
+    if (refusal) input_arrived_.wait_for(lock, kLateSetting, [&] { return stop_ || setting_changed(); });
+    if (stop_ || !setting_changed()) {
+      if (refusal) std::rethrow_exception(refusal);
+      return *surface;
+    }
+    messages.settings = settings_.at(messages.stamp);
+  }
 }
 
 PairMessages SurfaceReconstruction::gather(const Synchroniser::Pair& pair, const ros::Time& stamp) {

@@ -63,6 +63,9 @@ class SurfaceReconstruction {
   void process(const Synchroniser::Pair& pair, const ros::Time& stamp);
   /// Pair and what is known of cameras and microscope by now.
   PairMessages gather(const Synchroniser::Pair& pair, const ros::Time& stamp);
+  /// The surface under the setting at the time of the pair. A setting travels on a topic of its own and may arrive
+  /// after the pair: what was made or refused under an older one is done again.
+  PairSurface reconstruct(PairMessages messages, const PoseAt& pose_at);
   bool averagePairs(cortshift_msgs::AveragePairs::Request& request, cortshift_msgs::AveragePairs::Response& response);
 
   void drop(const DropReason& why, const ros::Time& stamp);
