@@ -7,6 +7,8 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "depth_edges.hpp"
+
 namespace cortshift_stereo {
 namespace {
 
@@ -83,7 +85,9 @@ cv::Mat matchByStructure(const cv::Mat& left, const cv::Mat& right, const Search
       return disparity;
     }
   }
-  return matchSemiGlobal(left, right, range);
+  cv::Mat disparity = matchSemiGlobal(left, right, range);
+  settleDepthEdges(disparity, left, right);
+  return disparity;
 }
 
 void dropIslands(cv::Mat& disparity) {
