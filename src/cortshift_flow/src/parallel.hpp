@@ -5,13 +5,7 @@
 #include <algorithm>
 #include <opencv2/core.hpp>
 
-// Inner loops are compiled for several instruction sets and the widest that the processor has is chosen at run time.
-// Multiply-add contraction is off for this library, so all versions give the same bits.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__)
-#define CORTSHIFT_VECTORISED __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define CORTSHIFT_VECTORISED
-#endif
+#include "cortshift_flow/vectorised.hpp"
 
 namespace cortshift_flow {
 

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "cortshift_flow/vectorised.hpp"
 #include "cubic.hpp"
 #include "fill.hpp"
 #include "thin_plate.hpp"
@@ -48,6 +49,66 @@ cv::Mat blurCells(const cv::Mat& values, double sigma) {
   return out;
 }
 
+/// Where each pixel of a line lands in the right image: the pixel before, and how far behind it; outside, at the rim.
+CORTSHIFT_VECTORISED
+void landRow(const float* d, int* column, float* fraction, int width) {
+  const auto last = static_cast<float>(width - 3);
+#pragma GCC ivdep
+  for (int x = 0; x < width; ++x) {
+    const float at = std::min(std::max(static_cast<float>(x) - d[x], 1.0f), last);
+    column[x] = static_cast<int>(at);
+    fraction[x] = at - static_cast<float>(column[x]);
+  }
+}
+
+/// Cubic convolution between four taps as a polynomial, as the derivative is wanted too.
+/// @param seen    not 0 where both images show tissue
+/// @param counts  1 where that holds inside the right image and on the cells' surface, else 0
+CORTSHIFT_VECTORISED
+void interpolateRow(const float* taps, const float* fraction, const uint8_t* seen, const float* d, const float* surface,
+                    float* warped, float* slope, float* counts, int width) {
+  const auto last = static_cast<float>(width - 3);
+#pragma GCC ivdep
+  for (int x = 0; x < width; ++x) {
+    const float p0 = taps[4 * x], p1 = taps[4 * x + 1], p2 = taps[4 * x + 2], p3 = taps[4 * x + 3], t = fraction[x];
+    const float c1 = 0.5f * (p2 - p0);
+    const float c2 = p0 - 2.5f * p1 + 2 * p2 - 0.5f * p3;
+    const float c3 = 1.5f * (p1 - p2) + 0.5f * (p3 - p0);
+    warped[x] = p1 + t * (c1 + t * (c2 + t * c3));
+    slope[x] = c1 + t * (2 * c2 + t * 3 * c3);
+    const float at = static_cast<float>(x) - d[x];
+    counts[x] =
+        (seen[x] != 0) & (at >= 1.0f) & (at <= last) & (std::abs(d[x] - surface[x]) < kSameSurface) ? 1.0f : 0.0f;
+  }
+}
+
+/// Adds what each pixel of a line says to the sums of its column.
+CORTSHIFT_VECTORISED
+void addRow(const float* left, const float* up, const float* down, const float* gain, const float* warped,
+            const float* slope, const float* counts, float noise2, float* const* sums, int width) {
+  constexpr auto outlier = static_cast<float>(1 / (kOutlier * kOutlier));
+  constexpr auto registration2 = static_cast<float>(kInterpolationError * kInterpolationError);
+  float *sum_w = sums[0], *wr = sums[1], *wg = sums[2], *wgr = sums[3], *wgg = sums[4], *sum_left = sums[5],
+        *sum_right = sums[6];
+#pragma GCC ivdep
+  for (int x = 2; x < width - 2; ++x) {
+    const float slope_left = (8 * (left[x + 1] - left[x - 1]) - (left[x + 2] - left[x - 2])) * (1.0f / 12);
+    const float slope_down = 0.5f * (down[x] - up[x]);
+    const float r = left[x] - gain[x] * warped[x];
+    const float g = 0.5f * (slope_left + gain[x] * slope[x]);
+    const float variance = noise2 + registration2 * (slope_left * slope_left + slope_down * slope_down);
+    const float soft = 1 / (variance + r * r * outlier);
+    const float w = counts[x] * variance * soft * soft;  // falls faster than the gradient of any outlier grows
+    sum_w[x] += w;
+    wr[x] += w * r;
+    wg[x] += w * g;
+    wgr[x] += w * g * r;
+    wgg[x] += w * g * g;
+    sum_left[x] += counts[x] * left[x];
+    sum_right[x] += counts[x] * warped[x];
+  }
+}
+
 /// Linearised comparison of the left image with the warped right one.
 class DataTerm {
  public:
@@ -66,11 +127,12 @@ class DataTerm {
       Row row(d.cols);
       for (int cy = rows.start; cy < rows.end; ++cy) {
         row.clear();
+        for (int x = 0; x < d.cols; ++x) row.gain[x] = gain.at<float>(cy, x / cell);
         for (int y = cy * cell; y < std::min((cy + 1) * cell, d.rows); y += row_step) {
           warp(y, d.ptr<float>(y), surface.ptr<float>(y), row);
-          add(y, gain.ptr<float>(cy), static_cast<float>(noise * noise), cell, row);
+          add(y, static_cast<float>(noise * noise), row);
         }
-        for (std::size_t k = 0; k < Row::kSums; ++k) reduce(row.sums[k], cell, out(cells, k)[cy], cells.w.cols);
+        for (int k = 0; k < Row::kSums; ++k) reduce(row.sums[k], d.cols, cell, out(cells, k)[cy]);
       }
     });
     return cells;
@@ -93,21 +155,31 @@ class DataTerm {
   }
 
  private:
-  /// One line of pixels, kept apart in arrays so that the arithmetic runs in vector registers.
-  struct Row {
-    static constexpr std::size_t kSums = 7;
-    explicit Row(int width) : warped(static_cast<std::size_t>(width)), slope(warped), counts(warped), fraction(warped) {
-      for (std::vector<float>& tap : taps) tap.resize(warped.size());
-      for (std::vector<float>& sum : sums) sum.resize(warped.size());
+  /// One line of pixels, kept apart in arrays so that the arithmetic runs in vector registers. Lines of a power of two
+  /// would share a few lines of the cache; a pad between them spreads them.
+  class Row {
+   public:
+    static constexpr int kSums = 7;
+    explicit Row(int width)
+        : column(static_cast<std::size_t>(width)), seen(column.size()), lines_(kLines, width + kPad, 0.0f) {
+      for (int k = 0; k < kSums; ++k) sums[k] = lines_[k];
+      gain = lines_[kSums];
+      warped = lines_[kSums + 1];
+      slope = lines_[kSums + 2];
+      counts = lines_[kSums + 3];
+      fraction = lines_[kSums + 4];
+      taps = lines_[kSums + 5];
     }
-    void clear() {
-      for (std::vector<float>& sum : sums) std::fill(sum.begin(), sum.end(), 0.0f);
-    }
-    std::vector<float> warped, slope, counts, fraction;
-    std::vector<float> taps[4];
-    std::vector<float> sums[kSums];
+    void clear() { lines_.rowRange(0, kSums).setTo(0); }
+    float *sums[kSums], *gain, *warped, *slope, *counts, *fraction, *taps;  // four taps a pixel
+    std::vector<int> column;
+    std::vector<uint8_t> seen;
+
+   private:
+    static constexpr int kLines = kSums + 9, kPad = 48;
+    cv::Mat_<float> lines_;
   };
-  static cv::Mat_<float>& out(CellSums& cells, std::size_t k) {
+  static cv::Mat_<float>& out(CellSums& cells, int k) {
     cv::Mat_<float>* const all[Row::kSums] = {&cells.w,   &cells.wr,   &cells.wg,   &cells.wgr,
                                               &cells.wgg, &cells.left, &cells.right};
     return *all[k];
@@ -119,74 +191,26 @@ class DataTerm {
     const float* right = pair_.right.ptr<float>(y);
     const uint8_t* known = known_.ptr<uint8_t>(y);
     const uint8_t* usable = pair_.right_usable.ptr<uint8_t>(y);
-    const auto last = static_cast<float>(width - 3);
-    float *p0 = row.taps[0].data(), *p1 = row.taps[1].data(), *p2 = row.taps[2].data(), *p3 = row.taps[3].data();
-    float *fraction = row.fraction.data(), *counts = row.counts.data();
+    landRow(d, row.column.data(), row.fraction, width);
     for (int x = 0; x < width; ++x) {
-      const float at = static_cast<float>(x) - d[x];
-      const float inside = std::min(std::max(at, 1.0f), last);
-      const int column = static_cast<int>(inside);
-      const float* p = right + column - 1;
-      p0[x] = p[0];
-      p1[x] = p[1];
-      p2[x] = p[2];
-      p3[x] = p[3];
-      fraction[x] = inside - static_cast<float>(column);
-      const bool good = (known[x] & usable[column] & usable[column + 1]) != 0 && at == inside;
-      counts[x] = good ? 1.0f : 0.0f;
+      const int column = row.column[static_cast<std::size_t>(x)];
+      cv::v_store(row.taps + 4 * x, cv::v_load(right + column - 1));
+      row.seen[static_cast<std::size_t>(x)] = known[x] & usable[column] & usable[column + 1];
     }
-    float *warped = row.warped.data(), *slope = row.slope.data();
-#pragma GCC ivdep
-    for (int x = 0; x < width; ++x) {  // cubic convolution as a polynomial, as the derivative is wanted too
-      const float t = fraction[x];
-      const float c1 = 0.5f * (p2[x] - p0[x]);
-      const float c2 = p0[x] - 2.5f * p1[x] + 2 * p2[x] - 0.5f * p3[x];
-      const float c3 = 1.5f * (p1[x] - p2[x]) + 0.5f * (p3[x] - p0[x]);
-      warped[x] = p1[x] + t * (c1 + t * (c2 + t * c3));
-      slope[x] = c1 + t * (2 * c2 + t * 3 * c3);
-      counts[x] = std::abs(d[x] - surface[x]) < kSameSurface ? counts[x] : 0.0f;
-    }
+    interpolateRow(row.taps, row.fraction, row.seen.data(), d, surface, row.warped, row.slope, row.counts, width);
   }
 
-  void add(int y, const float* gain, float noise2, int cell, Row& row) const {
-    const int width = pair_.left.cols;
-    const float* left = pair_.left.ptr<float>(y);
-    const float* up = pair_.left.ptr<float>(std::max(y - 1, 0));
-    const float* down = pair_.left.ptr<float>(std::min(y + 1, pair_.left.rows - 1));
-    constexpr auto outlier = static_cast<float>(1 / (kOutlier * kOutlier));
-    const auto registration2 = static_cast<float>(kInterpolationError * kInterpolationError);
-    const float *warped = row.warped.data(), *slope = row.slope.data(), *counts = row.counts.data();
-    float *w_ = row.sums[0].data(), *wr = row.sums[1].data(), *wg = row.sums[2].data(), *wgr = row.sums[3].data(),
-          *wgg = row.sums[4].data(), *sum_left = row.sums[5].data(), *sum_right = row.sums[6].data();
+  void add(int y, float noise2, Row& row) const {
+    const cv::Mat& left = pair_.left;
+    addRow(left.ptr<float>(y), left.ptr<float>(std::max(y - 1, 0)), left.ptr<float>(std::min(y + 1, left.rows - 1)),
+           row.gain, row.warped, row.slope, row.counts, noise2, row.sums, left.cols);
+  }
+
+  static void reduce(const float* pixels, int width, int cell, float* cells) {
     for (int begin = 0; begin < width; begin += cell) {
-      const float a = gain[begin / cell];
-      const int end = std::min(begin + cell, width - 2);
-#pragma GCC ivdep
-      for (int x = std::max(begin, 2); x < end; ++x) {
-        const float slope_left = (8 * (left[x + 1] - left[x - 1]) - (left[x + 2] - left[x - 2])) * (1.0f / 12);
-        const float slope_down = 0.5f * (down[x] - up[x]);
-        const float r = left[x] - a * warped[x];
-        const float g = 0.5f * (slope_left + a * slope[x]);
-        const float variance = noise2 + registration2 * (slope_left * slope_left + slope_down * slope_down);
-        const float soft = 1 / (variance + r * r * outlier);
-        const float w = counts[x] * variance * soft * soft;  // falls faster than the gradient of any outlier grows
-        w_[x] += w;
-        wr[x] += w * r;
-        wg[x] += w * g;
-        wgr[x] += w * g * r;
-        wgg[x] += w * g * g;
-        sum_left[x] += counts[x] * left[x];
-        sum_right[x] += counts[x] * warped[x];
-      }
-    }
-  }
-
-  static void reduce(const std::vector<float>& pixels, int cell, float* cells, int count) {
-    for (int cx = 0; cx < count; ++cx) {
-      const int end = std::min((cx + 1) * cell, static_cast<int>(pixels.size()));
       float sum = 0;
-      for (int x = cx * cell; x < end; ++x) sum += pixels[static_cast<std::size_t>(x)];
-      cells[cx] = sum;
+      for (int x = begin; x < std::min(begin + cell, width); ++x) sum += pixels[x];
+      *cells++ = sum;
     }
   }
 
@@ -297,14 +321,17 @@ cv::Mat surfaceThrough(const cv::Mat& cells, const cv::Size& size, int cell) {
   return out(cv::Rect({0, 0}, size));
 }
 
+CORTSHIFT_VECTORISED
+void followRow(float* d, const float* before, const float* after, int width) {
+#pragma GCC ivdep
+  for (int x = 0; x < width; ++x) d[x] = std::abs(d[x] - before[x]) < kSameSurface ? after[x] : d[x];
+}
+
 /// Pixels on the old surface move to the new one; others stay.
 void follow(cv::Mat& d, const cv::Mat& before, const cv::Mat& after) {
   cv::parallel_for_(cv::Range(0, d.rows), [&](const cv::Range& rows) {
-    for (int y = rows.start; y < rows.end; ++y) {
-      float* to = d.ptr<float>(y);
-      const float *from = before.ptr<float>(y), *next = after.ptr<float>(y);
-      for (int x = 0; x < d.cols; ++x) to[x] = std::abs(to[x] - from[x]) < kSameSurface ? next[x] : to[x];
-    }
+    for (int y = rows.start; y < rows.end; ++y)
+      followRow(d.ptr<float>(y), before.ptr<float>(y), after.ptr<float>(y), d.cols);
   });
 }
 
