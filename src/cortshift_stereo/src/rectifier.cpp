@@ -30,6 +30,37 @@ cv::Mat luminance(const cv::Mat& bgr) {
   return grey;
 }
 
+/// Weights of the pixels -1, 0, 1, 2, as CubicWeights has them.
+cv::v_float32x4 cubicWeights(float t) {
+  const cv::v_float32x4 at = cv::v_setall_f32(t);
+  cv::v_float32x4 w = cv::v_muladd(cv::v_float32x4(-0.5f, 1.5f, -1.5f, 0.5f), at, cv::v_float32x4(1, -2.5f, 2, -0.5f));
+  w = cv::v_muladd(w, at, cv::v_float32x4(-0.5f, 0, 0.5f, 0));
+  return cv::v_muladd(w, at, cv::v_float32x4(0, 1, 0, 0));
+}
+
+struct ColumnSums {
+  cv::v_float32x4 first, second;
+};
+
+/// Weighted sums of eight neighbouring bytes over four rows, in whole numbers of 1/16384.
+ColumnSums sumColumns(const uint8_t* first, std::size_t step, const float* weights) {
+  constexpr float kOne = 1 << 14;
+  const auto two = [weights](int k) {  // of two rows, side by side in each lane
+    const int low = cvRound(weights[k] * kOne), high = cvRound(weights[k + 1] * kOne);
+    return cv::v_reinterpret_as_s16(cv::v_setall_s32((low & 0xffff) | (high * 0x10000)));
+  };
+  const auto row = [first, step](std::size_t k) {
+    return cv::v_reinterpret_as_s16(cv::v_load_expand(first + k * step));
+  };
+  cv::v_int16x8 upper_first, upper_second, lower_first, lower_second;
+  cv::v_zip(row(0), row(1), upper_first, upper_second);
+  cv::v_zip(row(2), row(3), lower_first, lower_second);
+  const cv::v_int16x8 upper = two(0), lower = two(2);
+  const cv::v_float32x4 scale = cv::v_setall_f32(1 / kOne);
+  return {cv::v_cvt_f32(cv::v_dotprod(upper_first, upper) + cv::v_dotprod(lower_first, lower)) * scale,
+          cv::v_cvt_f32(cv::v_dotprod(upper_second, upper) + cv::v_dotprod(lower_second, lower)) * scale};
+}
+
 /// Luminance at the positions of `map`, without the 1/32 px grid that cv::remap rounds positions to.
 cv::Mat sample(const cv::Mat& image, const cv::Mat& map, const cv::Mat& inside) {
   cv::Mat out(map.size(), CV_32FC1);
@@ -45,14 +76,15 @@ cv::Mat sample(const cv::Mat& image, const cv::Mat& map, const cv::Mat& inside) 
           continue;
         }
         const int column = static_cast<int>(at[x][0]), row = static_cast<int>(at[x][1]);
-        const CubicWeights horizontal(at[x][0] - static_cast<float>(column));
-        const CubicWeights vertical(at[x][1] - static_cast<float>(row));
+        const cv::v_float32x4 horizontal = cubicWeights(at[x][0] - static_cast<float>(column));
+        float vertical[4];
+        cv::v_store(vertical, cubicWeights(at[x][1] - static_cast<float>(row)));
         const float* first = image.ptr<float>(row - 1) + column - 1;
         cv::v_float32x4 rows_summed = cv::v_load(first) * cv::v_setall_f32(vertical[0]);
         for (int k = 1; k < 4; ++k)
           rows_summed = cv::v_muladd(cv::v_load(first + static_cast<std::size_t>(k) * step),
                                      cv::v_setall_f32(vertical[k]), rows_summed);
-        to[x] = cv::v_reduce_sum(rows_summed * cv::v_load(horizontal.data()));
+        to[x] = cv::v_reduce_sum(rows_summed * horizontal);
       }
     }
   });
@@ -74,20 +106,17 @@ cv::Mat sampleColour(const cv::Mat& bgr, const cv::Mat& map, const cv::Mat& insi
           continue;
         }
         const int column = static_cast<int>(at[x][0]), row = static_cast<int>(at[x][1]);
-        const CubicWeights horizontal(at[x][0] - static_cast<float>(column));
-        const CubicWeights vertical(at[x][1] - static_cast<float>(row));
+        float horizontal[4], vertical[4];
+        cv::v_store(horizontal, cubicWeights(at[x][0] - static_cast<float>(column)));
+        cv::v_store(vertical, cubicWeights(at[x][1] - static_cast<float>(row)));
         const uint8_t* first = bgr.ptr<uint8_t>(row - 1) + 3 * (column - 1);
-        // Four channels fill a vector register; the fourth is the next pixel's blue and is left out.
-        const auto pixel = [](const uint8_t* p) {
-          return cv::v_cvt_f32(cv::v_reinterpret_as_s32(cv::v_load_expand_q(p)));
-        };
-        cv::v_float32x4 sum = cv::v_setzero_f32();
-        for (int k = 0; k < 4; ++k) {
-          const uint8_t* p = first + static_cast<std::size_t>(k) * step;
-          cv::v_float32x4 line = pixel(p) * cv::v_setall_f32(horizontal[0]);
-          for (int i = 1; i < 4; ++i) line = cv::v_muladd(pixel(p + 3 * i), cv::v_setall_f32(horizontal[i]), line);
-          sum = cv::v_muladd(line, cv::v_setall_f32(vertical[k]), sum);
-        }
+        const ColumnSums left = sumColumns(first, step, vertical), right = sumColumns(first + 4, step, vertical);
+        // Twelve sums, four pixels of three channels, cut so that each pixel starts a register.
+        const cv::v_float32x4 pixels[4] = {left.first, cv::v_extract<3>(left.first, left.second),
+                                           cv::v_extract<2>(left.second, right.second),
+                                           cv::v_extract<1>(right.second, right.second)};
+        cv::v_float32x4 sum = pixels[0] * cv::v_setall_f32(horizontal[0]);
+        for (int i = 1; i < 4; ++i) sum = cv::v_muladd(pixels[i], cv::v_setall_f32(horizontal[i]), sum);
         const cv::v_int32x4 rounded = cv::v_round(sum);
         int channels[4];
         cv::v_store(channels, rounded);

@@ -65,7 +65,7 @@ void landRow(const float* d, int* column, float* fraction, int width) {
 /// @param seen    not 0 where both images show tissue
 /// @param counts  1 where that holds inside the right image and on the cells' surface, else 0
 CORTSHIFT_VECTORISED
-void interpolateRow(const float* taps, const float* fraction, const uint8_t* seen, const float* d, const float* surface,
+void interpolateRow(const float* taps, const float* fraction, const int* seen, const float* d, const float* surface,
                     float* warped, float* slope, float* counts, int width) {
   const auto last = static_cast<float>(width - 3);
 #pragma GCC ivdep
@@ -172,8 +172,7 @@ class DataTerm {
     }
     void clear() { lines_.rowRange(0, kSums).setTo(0); }
     float *sums[kSums], *gain, *warped, *slope, *counts, *fraction, *taps;  // four taps a pixel
-    std::vector<int> column;
-    std::vector<uint8_t> seen;
+    std::vector<int> column, seen;
 
    private:
     static constexpr int kLines = kSums + 9, kPad = 48;
