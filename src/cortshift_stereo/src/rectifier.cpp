@@ -38,27 +38,35 @@ cv::v_float32x4 cubicWeights(float t) {
   return cv::v_muladd(w, at, cv::v_float32x4(0, 1, 0, 0));
 }
 
+constexpr float kOne = 1 << 14;  // weights in whole numbers
+
+/// Weights of two rows each, side by side in every lane.
+struct RowWeights {
+  explicit RowWeights(float t) {
+    const cv::v_int32x4 whole = cv::v_round(cubicWeights(t) * cv::v_setall_f32(kOne));
+    const cv::v_int32x4 pairs = cv::v_reinterpret_as_s32(cv::v_pack(whole, whole));
+    cv::v_int32x4 sorted, same;
+    cv::v_zip(pairs, pairs, sorted, same);
+    upper = cv::v_reinterpret_as_s16(cv::v_combine_low(sorted, sorted));
+    lower = cv::v_reinterpret_as_s16(cv::v_combine_high(sorted, sorted));
+  }
+  cv::v_int16x8 upper, lower;
+};
+
 struct ColumnSums {
   cv::v_float32x4 first, second;
 };
 
-/// Weighted sums of eight neighbouring bytes over four rows, in whole numbers of 1/16384.
-ColumnSums sumColumns(const uint8_t* first, std::size_t step, const float* weights) {
-  constexpr float kOne = 1 << 14;
-  const auto two = [weights](int k) {  // of two rows, side by side in each lane
-    const int low = cvRound(weights[k] * kOne), high = cvRound(weights[k + 1] * kOne);
-    return cv::v_reinterpret_as_s16(cv::v_setall_s32((low & 0xffff) | (high * 0x10000)));
-  };
+/// kOne times the weighted sums of eight neighbouring bytes over four rows.
+inline ColumnSums sumColumns(const uint8_t* first, std::size_t step, const RowWeights& weights) {
   const auto row = [first, step](std::size_t k) {
     return cv::v_reinterpret_as_s16(cv::v_load_expand(first + k * step));
   };
   cv::v_int16x8 upper_first, upper_second, lower_first, lower_second;
   cv::v_zip(row(0), row(1), upper_first, upper_second);
   cv::v_zip(row(2), row(3), lower_first, lower_second);
-  const cv::v_int16x8 upper = two(0), lower = two(2);
-  const cv::v_float32x4 scale = cv::v_setall_f32(1 / kOne);
-  return {cv::v_cvt_f32(cv::v_dotprod(upper_first, upper) + cv::v_dotprod(lower_first, lower)) * scale,
-          cv::v_cvt_f32(cv::v_dotprod(upper_second, upper) + cv::v_dotprod(lower_second, lower)) * scale};
+  return {cv::v_cvt_f32(cv::v_dotprod(upper_first, weights.upper) + cv::v_dotprod(lower_first, weights.lower)),
+          cv::v_cvt_f32(cv::v_dotprod(upper_second, weights.upper) + cv::v_dotprod(lower_second, weights.lower))};
 }
 
 /// Luminance at the positions of `map`, without the 1/32 px grid that cv::remap rounds positions to.
@@ -106,9 +114,9 @@ cv::Mat sampleColour(const cv::Mat& bgr, const cv::Mat& map, const cv::Mat& insi
           continue;
         }
         const int column = static_cast<int>(at[x][0]), row = static_cast<int>(at[x][1]);
-        float horizontal[4], vertical[4];
-        cv::v_store(horizontal, cubicWeights(at[x][0] - static_cast<float>(column)));
-        cv::v_store(vertical, cubicWeights(at[x][1] - static_cast<float>(row)));
+        float horizontal[4];
+        cv::v_store(horizontal, cubicWeights(at[x][0] - static_cast<float>(column)) * cv::v_setall_f32(1 / kOne));
+        const RowWeights vertical(at[x][1] - static_cast<float>(row));
         const uint8_t* first = bgr.ptr<uint8_t>(row - 1) + 3 * (column - 1);
         const ColumnSums left = sumColumns(first, step, vertical), right = sumColumns(first + 4, step, vertical);
         // Twelve sums, four pixels of three channels, cut so that each pixel starts a register.
