@@ -5,6 +5,7 @@
 #include <limits>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 #include <vector>
 
 #include "depth_edges.hpp"
@@ -15,6 +16,16 @@ namespace {
 constexpr int kStep = 16;  // what OpenCV's matcher counts disparities in
 
 int roundUp(int length) { return (length + kStep - 1) / kStep * kStep; }
+
+/// Both images at a fraction of their size, each in a thread of its own.
+std::pair<cv::Mat, cv::Mat> reduced(const cv::Mat& left, const cv::Mat& right, double scale) {
+  std::pair<cv::Mat, cv::Mat> out;
+  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
+    for (int side = sides.start; side < sides.end; ++side)
+      cv::resize(side == 0 ? left : right, side == 0 ? out.first : out.second, {}, scale, scale, cv::INTER_AREA);
+  });
+  return out;
+}
 
 /// Share of the matched pixels with a step of disparity beside them.
 double shareOfEdges(const cv::Mat& disparity) {
@@ -75,9 +86,8 @@ cv::Mat matchByStructure(const cv::Mat& left, const cv::Mat& right, const Search
   constexpr double kManyEdges = 0.005;  // a cortex with sulci has 0.001, indoor scenes 0.02
   constexpr int kSmallestWidth = 640;   // below, full resolution is cheap
   if (left.cols >= kSmallestWidth) {
-    cv::Mat left_half, right_half, disparity;
-    cv::resize(left, left_half, {}, 0.5, 0.5, cv::INTER_AREA);
-    cv::resize(right, right_half, {}, 0.5, 0.5, cv::INTER_AREA);
+    const auto [left_half, right_half] = reduced(left, right, 0.5);
+    cv::Mat disparity;
     const int start = static_cast<int>(std::floor(range.start / 2.0));
     const cv::Mat half = matchSemiGlobal(left_half, right_half, {start, start + roundUp((range.size() + 1) / 2)});
     if (shareOfEdges(half) < kManyEdges) {
@@ -123,9 +133,7 @@ SearchRange usedRange(const cv::Mat& left, const cv::Mat& right, const StereoMod
   constexpr double kLowQuantile = 0.003, kHighQuantile = 0.997;
   for (const int reduced_width : {160, 320}) {
     const double scale = std::min(1.0, static_cast<double>(reduced_width) / left.cols);
-    cv::Mat left_small, right_small;
-    cv::resize(left, left_small, {}, scale, scale, cv::INTER_AREA);
-    cv::resize(right, right_small, {}, scale, scale, cv::INTER_AREA);
+    const auto [left_small, right_small] = reduced(left, right, scale);
     const int low = static_cast<int>(std::floor(possible.start * scale));
     const SearchRange range(low, low + roundUp(static_cast<int>(std::ceil(possible.end * scale)) - low + 1));
     const cv::Mat disparity = matchSemiGlobal(left_small, right_small, range);

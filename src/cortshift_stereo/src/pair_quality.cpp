@@ -48,7 +48,7 @@ std::vector<cv::Point2f> rectifyPoints(const std::vector<cv::Point2f>& raw, cons
 ImageQuality measureImage(const cv::Mat& image) {
   CV_Assert(image.type() == CV_8UC3);
   constexpr int kSaturated = 250, kRowStep = 2;
-  double sum = 0, squares = 0;
+  int64_t sum = 0, squares = 0;
   int count = 0, saturated = 0;
   for (int y = 0; y < image.rows; y += kRowStep) {
     const uint8_t* row = image.ptr<uint8_t>(y);
@@ -60,9 +60,9 @@ ImageQuality measureImage(const cv::Mat& image) {
     }
     count += image.cols;
   }
-  const double mean = sum / count;
+  const double mean = static_cast<double>(sum) / count;
   ImageQuality quality;
-  quality.contrast = std::sqrt(std::max(0.0, squares / count - mean * mean)) / 3;
+  quality.contrast = std::sqrt(std::max(0.0, static_cast<double>(squares) / count - mean * mean)) / 3;
   quality.saturated_share = static_cast<double>(saturated) / count;
 
   // Focus is judged in the middle, where the surgeon looks.

@@ -13,7 +13,7 @@
 namespace cortshift_stereo {
 namespace {
 
-constexpr double kAgreement = 1.5;  // [px] between matching and refinement; beyond, one of them is wrong
+constexpr float kAgreement = 1.5f;  // [px] between matching and refinement; beyond, one of them is wrong
 
 std::string describe(const cv::Size& size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
 
@@ -41,6 +41,21 @@ void keepWhereBoth(cv::Mat& disparity, const cv::Mat& left_mask, const cv::Mat& 
         const float partner = static_cast<float>(x) - d[x] + 0.5f;  // rounded by cutting off the fraction
         const bool inside = partner >= 0 && partner < static_cast<float>(disparity.cols);  // not for NaN
         if (!inside || !left[x] || !right[static_cast<int>(partner)]) d[x] = std::numeric_limits<float>::quiet_NaN();
+      }
+    }
+  });
+}
+
+/// Points only where refinement stayed with the match and knows enough.
+void keepWhereCertain(cv::Mat& disparity, const cv::Mat& match, const cv::Mat& deviation, double max_deviation) {
+  const auto most = static_cast<float>(max_deviation);
+  cv::parallel_for_(cv::Range(0, disparity.rows), [&](const cv::Range& rows) {
+    for (int y = rows.start; y < rows.end; ++y) {
+      float* d = disparity.ptr<float>(y);
+      const float *matched = match.ptr<float>(y), *expected = deviation.ptr<float>(y);
+      for (int x = 0; x < disparity.cols; ++x) {
+        const bool agrees = std::abs(matched[x] - d[x]) < kAgreement;  // not for NaN
+        if (!agrees || expected[x] > most) d[x] = std::numeric_limits<float>::quiet_NaN();
       }
     }
   });
@@ -120,9 +135,7 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   if (pair.has_highlights) dropIslands(result.disparity);
   const RefinedDisparity refined = refineDisparity(pair, result.disparity);
   result.disparity = refined.disparity;
-  const cv::Mat agree = cv::abs(match - refined.disparity) < kAgreement;  // not for NaN
-  result.disparity.setTo(std::numeric_limits<float>::quiet_NaN(),
-                         ~agree | (refined.deviation > settings.max_deviation));
+  keepWhereCertain(result.disparity, match, refined.deviation, settings.max_deviation);
   keepWhereBoth(result.disparity, pair.left_seen, pair.right_seen);
 
   quality.coverage = std::min(1.0, shareOfValid(result.disparity) / std::max(1e-6, rectifier.leftShare()));

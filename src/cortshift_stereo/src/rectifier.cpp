@@ -169,8 +169,7 @@ Rectifier::Side Rectifier::makeSide(const CameraModel& camera, const SettingsWar
     const auto* at = side.map.ptr<cv::Vec2f>(y);
     uint8_t* in = side.inside.ptr<uint8_t>(y);
     for (int x = 0; x < size.width; ++x) {
-      // One column less on the right: colours are read four bytes at a time.
-      const bool whole_kernel = at[x][0] >= 1 && at[x][1] >= 1 && at[x][0] < static_cast<float>(size.width - 3) &&
+      const bool whole_kernel = at[x][0] >= 1 && at[x][1] >= 1 && at[x][0] < static_cast<float>(size.width - 2) &&
                                 at[x][1] < static_cast<float>(size.height - 2);
       in[x] = whole_kernel ? 255 : 0;
     }

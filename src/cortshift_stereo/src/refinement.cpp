@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <opencv2/core/hal/intrin.hpp>
 #include <opencv2/imgproc.hpp>
@@ -141,13 +142,19 @@ class DataTerm {
   /// Standard deviation of the residual [grey levels], robust, from pixels that are two apart: what varies slowly
   /// (gain, offset, a disparity that is a little wrong) cancels.
   double noise(const cv::Mat& d) const {
-    std::vector<float> differences;
     constexpr int kSkip = 5;
-    for (int y = 2; y < d.rows - 2; y += kSkip)
-      for (int x = 3; x < d.cols - 3; x += kSkip) {
-        const float difference = residual(d, y, x) - residual(d, y, x - 2);
-        if (std::isfinite(difference)) differences.push_back(std::abs(difference));
-      }
+    cv::Mat_<float> sampled(std::max(0, (d.rows - 4 + kSkip - 1) / kSkip),
+                            std::max(0, (d.cols - 6 + kSkip - 1) / kSkip));
+    cv::parallel_for_(cv::Range(0, sampled.rows), [&](const cv::Range& rows) {
+      for (int row = rows.start; row < rows.end; ++row)
+        for (int column = 0; column < sampled.cols; ++column) {
+          const int y = 2 + row * kSkip, x = 3 + column * kSkip;
+          sampled(row, column) = std::abs(residual(d, y, x) - residual(d, y, x - 2));
+        }
+    });
+    std::vector<float> differences;
+    std::copy_if(sampled.begin(), sampled.end(), std::back_inserter(differences),
+                 [](float difference) { return std::isfinite(difference); });
     if (differences.empty()) return kLeastNoise;
     const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
     std::nth_element(differences.begin(), middle, differences.end());
