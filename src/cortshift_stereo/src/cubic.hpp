@@ -14,7 +14,6 @@ class CubicWeights {
     w_[3] = 0.5f * t3 - 0.5f * t2;
   }
   float operator[](int i) const { return w_[i]; }
-  const float* data() const { return w_; }
   /// @param first  the pixel at -1
   float apply(const float* first) const {
     return w_[0] * first[0] + w_[1] * first[1] + w_[2] * first[2] + w_[3] * first[3];

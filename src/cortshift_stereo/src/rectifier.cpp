@@ -7,7 +7,6 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
-#include "cubic.hpp"
 #include "fill.hpp"
 #include "highlights.hpp"
 
@@ -30,7 +29,8 @@ cv::Mat luminance(const cv::Mat& bgr) {
   return grey;
 }
 
-/// Weights of the pixels -1, 0, 1, 2, as CubicWeights has them.
+/// Weights of the pixels -1, 0, 1, 2 for a position `t` in 0...1 behind pixel 0: cubic convolution (Keys 1981,
+/// a = -1/2), by Horner's rule.
 cv::v_float32x4 cubicWeights(float t) {
   const cv::v_float32x4 at = cv::v_setall_f32(t);
   cv::v_float32x4 w = cv::v_muladd(cv::v_float32x4(-0.5f, 1.5f, -1.5f, 0.5f), at, cv::v_float32x4(1, -2.5f, 2, -0.5f));

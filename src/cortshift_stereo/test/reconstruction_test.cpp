@@ -94,6 +94,25 @@ TEST(Reconstruction, disparitiesOfBothSigns) {
   EXPECT_LT(accuracyOf(scene, result.disparity).median_px, 0.04);
 }
 
+TEST(Reconstruction, sameBitsFromOneThreadAndTwo) {
+  AnalyticScene scene;
+  scene.noise = 2;
+  const int threads = cv::getNumThreads();
+  cv::setNumThreads(1);
+  const ReconstructionResult one = reconstructScene(scene);
+  cv::setNumThreads(2);
+  const ReconstructionResult two = reconstructScene(scene);
+  cv::setNumThreads(threads);
+  const auto same = [](const cv::Mat& a, const cv::Mat& b) {
+    return a.isContinuous() && b.isContinuous() && a.size() == b.size() && a.type() == b.type() &&
+           std::memcmp(a.data, b.data, a.total() * a.elemSize()) == 0;
+  };
+  EXPECT_TRUE(same(one.disparity, two.disparity));
+  EXPECT_TRUE(same(one.surface_left.points, two.surface_left.points));
+  EXPECT_TRUE(same(one.surface_left.colour, two.surface_left.colour));
+  EXPECT_TRUE(same(one.surface_left.confidence, two.surface_left.confidence));
+}
+
 TEST(Reconstruction, noiseGainAndOffset) {
   AnalyticScene scene;
   scene.noise = 4;

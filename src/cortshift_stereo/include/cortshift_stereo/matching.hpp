@@ -18,7 +18,8 @@ using SearchRange = cv::Range;
 cv::Mat matchSemiGlobal(const cv::Mat& left, const cv::Mat& right, const SearchRange& range);
 
 /// The same at the resolution that the scene asks for: a smooth surface is matched at half resolution, which costs an
-/// eighth and leaves an error that refinement removes; a scene with many edges of depth at full resolution.
+/// eighth and leaves an error that refinement removes; a scene with many edges of depth at full resolution, with the
+/// pixels beside the edges put on the surface that they belong to, or on none.
 cv::Mat matchByStructure(const cv::Mat& left, const cv::Mat& right, const SearchRange& range);
 
 /// Removes connected parts too small to trust, as matches between highlights are: 1/1000 of the image.
