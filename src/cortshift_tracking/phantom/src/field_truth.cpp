@@ -47,8 +47,8 @@ RowResult compareRow(const DisplacementField& field, const PhantomScene& scene, 
 
 bool isCorresponding(const PhantomScene& scene, int stage, double x, double y) {
   return scene.materialAt(stage, x, y) == Material::kBrain &&
-         scene.isVisible(stage, x, y, scene.rectified(stage, Side::kLeft)) &&
-         scene.isVisible(stage, x, y, scene.rectified(stage, Side::kRight));
+         scene.isVisible(stage, x, y, scene.view(stage, Side::kLeft)) &&
+         scene.isVisible(stage, x, y, scene.view(stage, Side::kRight));
 }
 
 bool isReported(const DisplacementField& field, const Eigen::Vector3d& start_pmr) {
