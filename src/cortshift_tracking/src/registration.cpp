@@ -16,7 +16,7 @@ namespace {
 using cortshift_flow::FlowResult;
 
 constexpr double kSettled = 0.4;             // probability from which a vector may guide others
-constexpr double kWorthARound = 0.01;        // part of the overlap that must be unsettled for another look
+constexpr double kWorthARound = 0.01;        // part of the overlap that must be unsettled for another first look
 constexpr double kLeastGain = 0.002;         // part of the overlap that a look must settle for another to follow
 constexpr double kReach = 0.005;             // how far from settled tissue the next look ventures [m]
 constexpr double kLastReach = 0.003;         // and the last
@@ -310,7 +310,7 @@ FlowResult registerProjections(const Projection& earlier, const Projection& late
   // Where the coarse grid led astray, the vectors around it lead nearer; and the domain reaches tissue that has settled
   // since.
   const cv::Mat settled = settledMask(pair, result);
-  if (1 - partOf(settled, pair) < kWorthARound) return result;
+  if (1 - partOf(settled, pair) < kLeastGain) return result;
   return look(pair, continued(result.flow, settled), around(settled, kLastReach, pair.resolution), false, settings);
 }
 
