@@ -310,8 +310,11 @@ FlowResult registerProjections(const Projection& earlier, const Projection& late
   // Where the coarse grid led astray, the vectors around it lead nearer; and the domain reaches tissue that has settled
   // since.
   const cv::Mat settled = settledMask(pair, result);
-  if (1 - partOf(settled, pair) < kLeastGain) return result;
-  return look(pair, continued(result.flow, settled), around(settled, kLastReach, pair.resolution), false, settings);
+  const double part = partOf(settled, pair);
+  if (1 - part < kLeastGain) return result;
+  const FlowResult again =
+      look(pair, continued(result.flow, settled), around(settled, kLastReach, pair.resolution), false, settings);
+  return partOf(settledMask(pair, again), pair) > part ? again : result;
 }
 
 }  // namespace cortshift_tracking
