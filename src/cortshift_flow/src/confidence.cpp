@@ -13,13 +13,16 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr float kHalfConfidence = 0.25f;   // predicted error at which the confidence is one half [px]
-constexpr float kLeastError = 0.01f;       // [px]
-constexpr float kPerHiddenPixel = 0.021f;  // growth of the error with the distance from what is visible [px / px]
-constexpr float kPerBend = 2.5f;           // error per second difference of the flow over a node: what smoothing bends
-constexpr float kAtBoundary = 1;           // at a motion boundary [px]
-constexpr float kUnmatched = 1;            // where visible tissue does not look like its match [px]
-constexpr float kLeastUnmatched = 0.065f;  // mean mismatch below which it does [intensity, summed over channels]
+constexpr float kHalfConfidence = 0.25f;      // predicted error at which the confidence is one half [px]
+constexpr float kLeastError = 0.01f;          // [px]
+constexpr float kPerHiddenPixel = 0.021f;     // growth of the error with the distance from what is visible [px / px]
+constexpr float kNoiseInformation = 45;       // that the gradients of mere noise seem to give a node [1 / px^2]
+constexpr float kLeastShown = 0.05f;          // share of a node's information that is not put down to noise
+constexpr float kPerBend = 6;                 // what smoothing bends, per second difference and root of information
+constexpr float kPerSquaredBend = 2.5f;       // and where the flow bends within a node's spacing [1 / px]
+constexpr float kAtBoundary = 1;              // at a motion boundary [px]
+constexpr float kUnmatched = 1;               // where visible tissue does not look like its match [px]
+constexpr float kLeastUnmatched = 0.065f;     // mean mismatch below which it does [intensity, summed over channels]
 constexpr double kNearby = 1.5, kAround = 4;  // standard deviations over which nodes are averaged [nodes]
 
 /// Root mean square of the flow's second differences around each node, motion boundaries apart [px].
@@ -44,7 +47,7 @@ cv::Mat1f bend(const FlowPlanes& nodes) {
 
 /// Predicted error at each node from the noise and from the smoothing [px]. With data of information J and a flow
 /// expected to curve by c, the data are averaged over a patch of area 1 / (c sqrt(J)), which leaves a variance of
-/// c / (pi sqrt(J)) (the posterior of a thin plate).
+/// c / (pi sqrt(J)) (the posterior of a thin plate), and a flow that bends is flattened in proportion to 1 / sqrt(J).
 cv::Mat1f nodeError(const PolishedFlow& polished, float curvature) {
   cv::Mat1f information(polished.information.size()), nearby, around;
   for (int j = 0; j < information.rows; ++j)
@@ -55,8 +58,10 @@ cv::Mat1f nodeError(const PolishedFlow& polished, float curvature) {
   for (int j = 0; j < error.rows; ++j)
     for (int i = 0; i < error.cols; ++i) {
       const float bent = error(j, i), expected = std::hypot(curvature, 0.2f * bent);
-      const float known = std::max(std::min(nearby(j, i), around(j, i)), 1e-3f);
-      error(j, i) = std::sqrt(expected / (static_cast<float>(CV_PI) * std::sqrt(known))) + kPerBend * bent;
+      const float shown = std::min(nearby(j, i), around(j, i));
+      const float root = std::sqrt(std::max({shown - kNoiseInformation, kLeastShown * shown, 1e-3f}));
+      error(j, i) = std::sqrt(expected / (static_cast<float>(CV_PI) * root)) +
+                    std::hypot(kPerBend * bent / root, kPerSquaredBend * bent * bent);
     }
   return error;
 }

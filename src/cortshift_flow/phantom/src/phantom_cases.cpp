@@ -19,6 +19,12 @@ const std::vector<Case>& cases() {
          s.motion = Motion::kInward;
          s.surround = Surround::kTissue;
        }},
+      {"outward_overlaid", [](Settings& s) { s.surround = Surround::kOverlaid; }},
+      {"inward_overlaid",
+       [](Settings& s) {
+         s.motion = Motion::kInward;
+         s.surround = Surround::kOverlaid;
+       }},
       {"outward_all", [](Settings& s) { s.surround = Surround::kContinuing; }},
       {"inward_all",
        [](Settings& s) {

@@ -36,10 +36,13 @@ class Deformation {
         everywhere_(!radial_ || s.surround == Surround::kContinuing),
         // Eq. (6) has the factor 2, which gives 37 px at 342 px.
         factor_(s.largest_motion * scale_ / std::sqrt(radius_)),
-        amplitude_(s.largest_motion * scale_) {}
+        amplitude_(s.largest_motion * scale_),
+        spread_(s.surround == Surround::kOverlaid ? amplitude_ : 0) {}
 
-  bool inside(const Point& p) const { return !radial_ || distance(p) < radius_; }
-  bool moves(const Point& p) const { return everywhere_ || inside(p); }
+  /// Radius of the craniotomy as the undeformed or the deformed image shows it [px].
+  double rim(bool deformed) const { return deformed ? radius_ + spread_ : radius_; }
+  bool inside(const Point& p, bool deformed) const { return !radial_ || distance(p) < rim(deformed); }
+  bool moves(const Point& p, bool deformed) const { return everywhere_ || inside(p, deformed); }
   double distance(const Point& p) const { return std::hypot(p.x - centre_.x, p.y - centre_.y); }
   double radius() const { return radius_; }
   double scale() const { return scale_; }
@@ -77,7 +80,7 @@ class Deformation {
   Point centre_;
   double scale_, radius_;
   bool radial_, everywhere_;
-  double factor_, amplitude_;
+  double factor_, amplitude_, spread_;
 };
 
 class Scene {
@@ -105,7 +108,7 @@ class Scene {
   cv::Vec3d colour(const Point& p, bool deformed) const {
     const double inside = settings_.motion == Motion::kSmooth || settings_.surround == Surround::kContinuing
                               ? 1.0
-                              : softStep(deformation_.radius() - deformation_.distance(p), kEdge);
+                              : softStep(deformation_.rim(deformed) - deformation_.distance(p), kEdge);
     cv::Vec3d result(0, 0, 0);
     if (inside > 0) result += inside * tissue(deformed ? deformation_.origin(p) : p);
     if (inside < 1) result += (1 - inside) * surround(p);
@@ -264,15 +267,15 @@ PlanarPhantom makePlanarPhantom(const PlanarPhantomSettings& settings) {
   for (int y = 0; y < settings.size.height; ++y)
     for (int x = 0; x < settings.size.width; ++x) {
       const Point p(x, y);
-      if (!deformation.moves(p)) continue;
+      if (!deformation.moves(p, inward)) continue;
       const Point material = inward ? deformation.origin(p) : p;
       const Point shift = inward ? material - p : deformation.displacement(p);
       phantom.truth.at<cv::Vec2f>(y, x) = cv::Vec2f(static_cast<float>(shift.x), static_cast<float>(shift.y));
-      if (!deformation.inside(p)) continue;
+      if (!deformation.inside(p, inward)) continue;
       phantom.craniotomy.at<uchar>(y, x) = 255;
       const double to_rim = settings.motion == Motion::kSmooth ? std::min(std::min(x, settings.size.width - 1 - x),
                                                                           std::min(y, settings.size.height - 1 - y))
-                                                               : deformation.radius() - deformation.distance(p);
+                                                               : deformation.rim(inward) - deformation.distance(p);
       phantom.rim_distance.at<float>(y, x) = static_cast<float>(to_rim);
       if (scene.inPatch(material)) phantom.patch.at<uchar>(y, x) = 255;
       const bool hidden = bleeding && scene.bloodDepth(p + shift) > -4;

@@ -17,6 +17,7 @@ enum class Motion {
 enum class Surround {
   kDrape,       ///< a bluish drape, unlike the tissue
   kTissue,      ///< the same tissue, standing still: only its motion tells it from the inside
+  kOverlaid,    ///< the drape, which the stretched tissue spreads over: all tissue is seen in both images
   kContinuing,  ///< the same tissue, moving on by Eq. (6): the whole image is deformed and nothing is hidden
 };
 
