@@ -19,6 +19,7 @@ void catmullRom(float t, float (&w)[4]) {
 ColourSampler::ColourSampler(const cv::Mat& image, double step) : image_(image) {
   if (step <= 1.5) return;  // little of what lies beyond the grid's Nyquist limit has passed the camera's own pixels
   const double sigma = 0.5 * std::sqrt(step * step - 1);
+  image_ = cv::Mat();  // not blurred in place: the pixels are the caller's
   cv::GaussianBlur(image, image_, cv::Size(), sigma, sigma, cv::BORDER_REPLICATE);
 }
 

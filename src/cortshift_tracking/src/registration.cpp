@@ -209,13 +209,12 @@ FlowResult look(const Pair& pair, const cv::Mat& guess, const cv::Mat& domain, b
     return cortshift_flow::computeFlow(pair.first.pattern, pair.second.pattern, pair.first.usable, pair.second.usable,
                                        flow);
   const cv::Mat map = flowTargets(guess);
-  cv::Mat near, near_usable, usable = pair.first.usable;
+  // A new image: assigned to one that exists, the result would overwrite the pixels of the caller's.
+  const cv::Mat usable = domain.empty() ? pair.first.usable : cv::Mat(pair.first.usable & domain);
+  cv::Mat near, near_usable;
   cv::remap(pair.second.pattern, near, map, {}, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
   cv::remap(pair.second.usable, near_usable, map, {}, cv::INTER_NEAREST, cv::BORDER_CONSTANT, 0);
-  if (!domain.empty()) {
-    usable = usable & domain;
-    near_usable &= domain;
-  }
+  if (!domain.empty()) near_usable &= domain;
   FlowResult result = cortshift_flow::computeFlow(pair.first.pattern, near, usable, near_usable, flow);
   cv::Mat guess_there;  // near(y) is second(y + guess(y)), so the whole motion is rest(x) + guess(x + rest(x))
   cv::remap(guess, guess_there, flowTargets(result.flow), {}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
@@ -305,7 +304,17 @@ FlowResult registerProjections(const Projection& earlier, const Projection& late
     guess = refined(coarse, size, step);
     cv::resize(around(settled, kLastReach, pair.resolution), domain, size, 0, 0, cv::INTER_NEAREST);
   }
-  return look(pairAt(1), guess, domain, rounds <= 0, settings);
+  const Pair pair = pairAt(1);
+  const FlowResult result = look(pair, guess, domain, rounds <= 0, settings);
+  if (rounds <= 0) return result;
+  // Where the coarse grid led astray, the vectors around it lead nearer; and the domain reaches tissue that has settled
+  // since.
+  const cv::Mat settled = settledMask(pair, result);
+  const double part = partOf(settled, pair);
+  if (1 - part < kLeastGain) return result;
+  const FlowResult again =
+      look(pair, continued(result.flow, settled), around(settled, kLastReach, pair.resolution), false, settings);
+  return partOf(settledMask(pair, again), pair) > part ? again : result;
 }
 
 }  // namespace cortshift_tracking

@@ -78,7 +78,6 @@ INSTANTIATE_TEST_SUITE_P(Issue, PhantomBars,
                                          Bar{"shift_clean", "shift_0_3_mm", kClean[0], kClean[1], 0.95},
                                          Bar{"shift_clean", "shift_2_mm", kClean[0], kClean[1], 0.95},
                                          Bar{"shift_clean", "shift_8_mm", kClean[0], kClean[1], 0.95},
-                                         // 2 mm of border and the steep walls cost more than the 5 % that are aimed at
                                          Bar{"shift_clean", "shift_20_mm", 0.00008, 0.00025, 0.95},
                                          Bar{"shift_disturbed", "bleeding", kDisturbed[0], kDisturbed[1], 0.8},
                                          Bar{"shift_disturbed", "resection", kDisturbed[0], kDisturbed[1], 0.8},

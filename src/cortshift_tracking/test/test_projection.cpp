@@ -195,6 +195,19 @@ TEST(Projection, SameBitsForOneAndTwoThreads) {
   EXPECT_TRUE(sameBits(a.mask, b.mask));
 }
 
+// A grid coarser than the camera's pixels takes smoothed colours, but not by smoothing those of the stage.
+TEST(Projection, LeavesTheSurfaceAsItIs) {
+  const auto surface = sheet(120, 90, [](double, double) { return 0.0; });
+  cv::Mat colour = surface.colour;
+  cv::RNG random(3);
+  random.fill(colour, cv::RNG::UNIFORM, 0, 255);
+  const cv::Mat before = colour.clone();
+  FrameSettings coarse;
+  coarse.resolution = 0.0004;
+  project(surface, fitProjectionFrame(surface, coarse));
+  EXPECT_EQ(cv::norm(surface.colour, before, cv::NORM_INF), 0);
+}
+
 TEST(Projection, RefusesImagesThatDoNotFit) {
   auto surface = sheet(50, 50, [](double, double) { return 0.0; });
   const ProjectionFrame frame = flatFrame(surface);

@@ -157,6 +157,23 @@ TEST_F(Shift, SameBitsForOneAndTwoThreadsAndFromRunToRun) {
   cv::setNumThreads(threads);
 }
 
+// A live reference serves many times: what the looks leave out for one later stage must not be missing for the next.
+TEST_F(Shift, AReferenceServesAgainUnchanged) {
+  const PinholeCamera small = scene.cameraAt(0.3, 0.05, 0, 0, {480, 360}, 0.04);
+  const auto earlier = scene.see(small, AnalyticScene::atRest());
+  auto later = scene.see(small, sagAndShift(0.002, 0.0005));
+  later.colour = later.colour.clone();
+  cv::RNG random(5);
+  random.fill(later.colour(cv::Rect(0, 0, 240, 360)), cv::RNG::UNIFORM, 60, 200);  // nothing to find in this half
+  const Reference reference = prepareReference(earlier, {});
+  const cv::Mat usable = reference.usable.clone();
+  const ShiftResult once = computeShift(reference, later, directions(earlier), {}),
+                    again = computeShift(reference, later, directions(earlier), {});
+  EXPECT_EQ(cv::norm(reference.usable, usable, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(once.flow, again.flow, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(once.field.confidence, again.field.confidence, cv::NORM_INF), 0);
+}
+
 TEST_F(Shift, SurfacesThatDoNotMeetAreRefused) {
   const PinholeCamera small = scene.cameraAt(0.3, 0, 0, 0, {120, 90}, 0.01);
   const auto earlier = scene.see(small, AnalyticScene::atRest());

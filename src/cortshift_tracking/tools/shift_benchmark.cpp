@@ -28,7 +28,8 @@ constexpr const char* kUsage =
     "usage: shift_benchmark CASE.yaml [CASE.yaml ...] [--from-first] [--exact] [--resolution M] [--channels C]\n"
     "                       [--threads N] [--repeat N] [--pictures DIR]\n"
     "Every stage of phantom cases against the ones after it, as a Markdown table: 3D error and coverage with the\n"
-    "confidence gate and without (gated | ungated), seconds of each step; then closure and memory.\n"
+    "confidence gate and without (gated | ungated), seconds of each step; then closure, how often vectors of some\n"
+    "confidence are right, and memory.\n"
     "  --from-first    only the shifts from the first stage of each case\n"
     "  --exact         exact surfaces in place of reconstructed ones: the error of tracking alone\n"
     "  --resolution M  of the projection grid [m], 0.0001 if not given\n"
@@ -93,10 +94,15 @@ cortshift_stereo::Surface seen(PhantomPairs& pairs, int stage, bool exact) {
 
 /// Every vector that both surfaces have, whatever its confidence.
 DisplacementField ungated(const ShiftResult& result, const InversionSettings& settings) {
+  const cv::Mat sure(result.flow.size(), CV_32FC1, cv::Scalar(1));
+  return invert(result.field.frame, result.earlier, result.later, result.flow, sure, settings);
+}
+
+/// Every vector of any confidence above 0.
+DisplacementField evenUnlikely(const ShiftResult& result, const InversionSettings& settings) {
   InversionSettings open = settings;
   open.min_confidence = 0;
-  const cv::Mat sure(result.flow.size(), CV_32FC1, cv::Scalar(1));
-  return invert(result.field.frame, result.earlier, result.later, result.flow, sure, open);
+  return invert(result.field.frame, result.earlier, result.later, result.flow, result.field.confidence, open);
 }
 
 double foreignShare(const cortshift_tracking_phantom::FieldError& error) {
@@ -129,7 +135,7 @@ void writePictures(const ShiftResult& result, const Directions& directions, cons
   cv::imwrite(base + "_lateral.png", lateralMap(result.field, directions.first_normal_pmr));
 }
 
-void run(const std::string& case_path, const Options& options) {
+cortshift_tracking_phantom::Reliability run(const std::string& case_path, const Options& options) {
   using cortshift_tracking_phantom::compareWithTruth;
   const auto scene = std::make_shared<const PhantomScene>(loadPhantomCase(case_path));
   PhantomPairs pairs(scene);
@@ -138,6 +144,7 @@ void run(const std::string& case_path, const Options& options) {
   const Directions directions{averageNormal(surfaces[0]), scene->description().gravity_pmr};
   std::vector<DisplacementField> consecutive;
   DisplacementField direct;
+  cortshift_tracking_phantom::Reliability reliability;
   for (int from = 0; from < (options.from_first ? 1 : scene->stageCount()); ++from)
     for (int to = from + 1; to < scene->stageCount(); ++to) {
       const auto name = [&](int stage) { return scene->description().stages[static_cast<std::size_t>(stage)].name; };
@@ -147,6 +154,7 @@ void run(const std::string& case_path, const Options& options) {
       if (from == 0) direct = result.field;
       const auto gated = compareWithTruth(result.field, *scene, from, to),
                  open = compareWithTruth(ungated(result, options.shift.inversion), *scene, from, to);
+      reliability += compareWithTruth(evenUnlikely(result, options.shift.inversion), *scene, from, to).reliability;
       const Summary& summary = result.summary;
       std::printf(
           "| %s, %s → %s | %.2f ± %.2f | %.3f / %.3f / %.2f | %.1f %% | %.2f %% | %.3f / %.3f / %.2f | %.1f %% | "
@@ -172,13 +180,26 @@ void run(const std::string& case_path, const Options& options) {
         "\n%s: closure of the consecutive shifts against first → last: median %.4f mm, 95 %% %.4f mm, %zu points\n\n",
         scene->description().name.c_str(), 1e3 * closure.median, 1e3 * closure.p95, closure.points);
   }
+  return reliability;
+}
+
+void print(const cortshift_tracking_phantom::Reliability& reliability) {
+  std::printf("\n| confidence | right to 0.25 mm | vectors |\n| --- | --- | --- |\n");
+  for (const auto& bin : reliability.bins) {
+    if (bin.vectors == 0) continue;
+    const auto vectors = static_cast<double>(bin.vectors);
+    std::printf("| %.3f | %.3f | %zu |\n", bin.confidence / vectors, static_cast<double>(bin.right) / vectors,
+                bin.vectors);
+  }
 }
 
 void runAll(const Options& options) {
   std::printf(
       "| shift | length mm | error mm: median / 95 %% / max | coverage | foreign | ungated: error mm | coverage | "
       "foreign | s = projection + flow + inversion |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
-  for (const std::string& case_path : options.case_paths) run(case_path, options);
+  cortshift_tracking_phantom::Reliability reliability;
+  for (const std::string& case_path : options.case_paths) reliability += run(case_path, options);
+  print(reliability);
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   std::printf("\npeak memory %.0f MB, all stages and the phantom included\n",

@@ -12,8 +12,8 @@ namespace cortshift_tracking {
 struct RegistrationSettings {
   /// What the flow sees: rgb, green, blue or luminance (paper, Discussion: bleeding), or auto: see chooseChannels.
   std::string channels = "auto";
-  double detail =
-      2;  ///< standard deviation of the window whose mean brightness is divided out [grid units], 0.5 ... 100
+  /// Standard deviation of the window whose mean brightness is divided out [grid units], 0.5 ... 100.
+  double detail = 2;
   double bend = 20;       ///< expected second derivative of the displacement along the surface [1/m], 0.01 ... 1000
   double search = 0.007;  ///< largest motion within the plane that is looked for [m], 0.001 ... 0.05
   double coarse_resolution = 0.0002;  ///< grid of the first looks [m]; none where the grid itself is as coarse

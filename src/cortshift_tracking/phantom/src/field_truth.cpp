@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <limits>
 #include <opencv2/core/utility.hpp>
+#include <optional>
 #include <vector>
 
 namespace cortshift_tracking_phantom {
@@ -16,39 +17,57 @@ using cortshift_stereo_phantom::Side;
 using cortshift_tracking::DisplacementField;
 
 constexpr double kSampleSpacing = 0.001;  // of the material points that coverage is counted on [m]
+constexpr double kRight = 0.00025;        // error within the plane and in height that `confidence` speaks about [m]
 
 Eigen::Vector3d toEigen(const cv::Vec3f& v) { return {v[0], v[1], v[2]}; }
+
+/// What is true of a vector that starts inside the craniotomy.
+struct Truth {
+  bool foreign = false;  // it starts on no tissue or its tissue is gone: no displacement is right
+  Eigen::Vector3d displacement_pmr = Eigen::Vector3d::Zero();
+};
+
+/// Nothing outside the craniotomy.
+std::optional<Truth> truthAt(const PhantomScene& scene, const Eigen::Vector3d& start_pmr, int from, int to) {
+  const auto tissue = scene.materialOf(start_pmr, from);
+  if (!tissue) return Truth{true};
+  const double x = tissue->material[0], y = tissue->material[1];
+  if (scene.rimDistance(x, y) < 0) return std::nullopt;
+  if (scene.materialAt(to, x, y) == Material::kHole) return Truth{true};
+  return Truth{false, scene.displacement(from, to, x, y)};
+}
 
 struct RowResult {
   std::vector<double> errors;
   std::size_t foreign = 0;
+  Reliability reliability;
 };
 
 RowResult compareRow(const DisplacementField& field, const PhantomScene& scene, int from, int to, int row, int stride) {
   RowResult result;
+  const Eigen::Vector3d normal = field.frame.normal_pmr();
   for (int column = 0; column < field.frame.size.width; column += stride) {
     const cv::Vec3f& d = field.displacement_pmr.at<cv::Vec3f>(row, column);
     if (std::isnan(d[0])) continue;
-    const auto tissue = scene.materialOf(toEigen(field.start_pmr.at<cv::Vec3f>(row, column)), from);
-    if (!tissue) {
+    const auto truth = truthAt(scene, toEigen(field.start_pmr.at<cv::Vec3f>(row, column)), from, to);
+    if (!truth) continue;
+    const Eigen::Vector3d error = toEigen(d) - truth->displacement_pmr;
+    const double height_error = error.dot(normal);
+    const bool right =
+        !truth->foreign && std::abs(height_error) <= kRight && (error - height_error * normal).norm() <= kRight;
+    result.reliability.add(field.confidence.at<float>(row, column), right);
+    if (truth->foreign)
       ++result.foreign;
-      continue;
-    }
-    const double x = tissue->material[0], y = tissue->material[1];
-    if (scene.rimDistance(x, y) < 0) continue;
-    if (scene.materialAt(to, x, y) == Material::kHole) {
-      ++result.foreign;
-      continue;
-    }
-    result.errors.push_back((toEigen(d) - scene.displacement(from, to, x, y)).norm());
+    else
+      result.errors.push_back(error.norm());
   }
   return result;
 }
 
 bool isCorresponding(const PhantomScene& scene, int stage, double x, double y) {
   return scene.materialAt(stage, x, y) == Material::kBrain &&
-         scene.isVisible(stage, x, y, scene.rectified(stage, Side::kLeft)) &&
-         scene.isVisible(stage, x, y, scene.rectified(stage, Side::kRight));
+         scene.isVisible(stage, x, y, scene.view(stage, Side::kLeft)) &&
+         scene.isVisible(stage, x, y, scene.view(stage, Side::kRight));
 }
 
 bool isReported(const DisplacementField& field, const Eigen::Vector3d& start_pmr) {
@@ -82,6 +101,22 @@ double coverageOf(const DisplacementField& field, const PhantomScene& scene, int
 
 }  // namespace
 
+void Reliability::add(double confidence, bool right) {
+  Bin& bin = bins[std::min(bins.size() - 1, static_cast<std::size_t>(confidence * static_cast<double>(bins.size())))];
+  bin.confidence += confidence;
+  ++bin.vectors;
+  if (right) ++bin.right;
+}
+
+Reliability& Reliability::operator+=(const Reliability& other) {
+  for (std::size_t i = 0; i < bins.size(); ++i) {
+    bins[i].confidence += other.bins[i].confidence;
+    bins[i].vectors += other.bins[i].vectors;
+    bins[i].right += other.bins[i].right;
+  }
+  return *this;
+}
+
 FieldError compareWithTruth(const DisplacementField& field, const PhantomScene& scene, int from, int to, int stride) {
   const int rows = (field.frame.size.height + stride - 1) / stride;
   std::vector<RowResult> results(static_cast<std::size_t>(rows));
@@ -94,6 +129,7 @@ FieldError compareWithTruth(const DisplacementField& field, const PhantomScene& 
   for (const RowResult& row : results) {
     errors.insert(errors.end(), row.errors.begin(), row.errors.end());
     error.foreign_points += row.foreign;
+    error.reliability += row.reliability;
   }
   std::sort(errors.begin(), errors.end());
   error.compared_points = errors.size();

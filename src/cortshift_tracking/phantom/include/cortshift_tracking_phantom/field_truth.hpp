@@ -1,6 +1,7 @@
 // Displacement fields of the stereo phantom against the truth.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <string>
 
@@ -8,6 +9,19 @@
 #include "cortshift_tracking/displacement_field.hpp"
 
 namespace cortshift_tracking_phantom {
+
+/// Whether vectors of some confidence are right as often as it says: to 0.25 mm within the plane of the projection and
+/// to 0.25 mm in height. Foreign vectors are wrong.
+struct Reliability {
+  struct Bin {
+    double confidence = 0;  ///< sum over the vectors
+    std::size_t vectors = 0, right = 0;
+  };
+  std::array<Bin, 10> bins;  ///< of equal width over 0...1
+
+  void add(double confidence, bool right);
+  Reliability& operator+=(const Reliability& other);
+};
 
 /// 3D errors |d - true d| of the reported vectors that start inside the craniotomy. NaN where none was reported.
 struct FieldError {
@@ -17,6 +31,7 @@ struct FieldError {
   double coverage = 0;  ///< reported part of the craniotomy that both cameras see as brain at both stages, 0...1
   std::size_t compared_points = 0;
   std::size_t foreign_points = 0;  ///< reported vectors that start on no tissue (a retractor) or whose tissue is gone
+  Reliability reliability;
 };
 
 /// @param stride every how many grid points, in either direction, a vector is compared
