@@ -3,22 +3,22 @@ find_package(PkgConfig REQUIRED)
 # Ubuntu 20.04 has Aravis 0.6, whose interface is another one: install 0.8 there.
 pkg_check_modules(ARAVIS REQUIRED IMPORTED_TARGET aravis-0.8)
 target_sources(${PROJECT_NAME}_sources PRIVATE
-  src/sources/aravis_camera.cpp
-  src/sources/aravis_source.cpp
-  src/sources/clock_map.cpp
-  src/sources/pixel_formats.cpp)
+  src/sources/aravis/aravis_camera.cpp
+  src/sources/aravis/aravis_source.cpp
+  src/sources/aravis/clock_map.cpp
+  src/sources/aravis/pixel_formats.cpp)
 target_link_libraries(${PROJECT_NAME}_sources PkgConfig::ARAVIS)
 
 if(CATKIN_ENABLE_TESTING)
-  catkin_add_gmock(sources_test test/sources_test.cpp)
+  catkin_add_gmock(sources_test test/sources/sources_test.cpp)
   target_include_directories(sources_test PRIVATE src)
   target_link_libraries(sources_test ${PROJECT_NAME}_sources ${GMOCK_MAIN_LIBRARIES})
 
   # A GigE Vision camera in software whose images say when they were exposed.
-  add_executable(fake_gige_camera EXCLUDE_FROM_ALL test/fake_gige_camera.cpp)
+  add_executable(fake_gige_camera EXCLUDE_FROM_ALL test/support/fake_gige_camera.cpp)
   target_link_libraries(fake_gige_camera PkgConfig::ARAVIS)
   if(TARGET tests)
     add_dependencies(tests fake_gige_camera)
   endif()
-  add_rostest(test/aravis.test DEPENDENCIES stereo_driver_node fake_gige_camera)
+  add_rostest(test/sources/aravis.test DEPENDENCIES stereo_driver_node fake_gige_camera)
 endif()

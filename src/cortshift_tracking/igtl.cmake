@@ -42,9 +42,9 @@ if(CATKIN_ENABLE_TESTING)
   # The independent client is fetched with the build where that is possible; if not, the test tries again and fails.
   set(igtl_venv ${CATKIN_DEVEL_PREFIX}/share/${PROJECT_NAME}/igtl_venv)
   add_custom_target(igtl_venv
-    COMMAND ${PYTHON_EXECUTABLE} ${CMAKE_CURRENT_SOURCE_DIR}/test/igtl_environment.py ${igtl_venv} || ${CMAKE_COMMAND} -E true)
+    COMMAND ${PYTHON_EXECUTABLE} ${CMAKE_CURRENT_SOURCE_DIR}/test/support/igtl_environment.py ${igtl_venv} || ${CMAKE_COMMAND} -E true)
   if(TARGET tests)
     add_dependencies(tests igtl_venv)
   endif()
-  add_rostest(test/igtl_bridge.test DEPENDENCIES igtl_bridge)
+  add_rostest(test/igtl/igtl_bridge.test DEPENDENCIES igtl_bridge)
 endif()

@@ -24,12 +24,11 @@ install(TARGETS ${PROJECT_NAME}_offline LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   foreach(test mean replay)
-    catkin_install_python(PROGRAMS test/test_process_bag_${test}.py DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
-    add_rostest(test/process_bag_${test}.test DEPENDENCIES process_bag shift_tracker)
+    add_rostest(test/offline/process_bag_${test}.test DEPENDENCIES process_bag shift_tracker)
   endforeach()
   foreach(test cohort export offline)
     catkin_run_tests_target("pytest" ${test} "pytest-${test}.xml"
-      COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-${test}.xml test/test_${test}.py"
+      COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-${test}.xml test/${test}/${test}_test.py"
       WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
   endforeach()
 endif()

@@ -1,6 +1,8 @@
 from catkin_pkg.python_setup import generate_distutils_setup
 from setuptools import setup
 
+ROOMS = ('case', 'cohort', 'console', 'export', 'mr', 'probe', 'report', 'theatre')
+
 setup(**generate_distutils_setup(
-    packages=['cortshift_tracking', 'cortshift_tracking.cohort', 'cortshift_tracking.export'],
-    package_dir={'': 'src'}, package_data={'cortshift_tracking': ['console_page.html']}))
+    packages=['cortshift_tracking'] + ['cortshift_tracking.' + room for room in ROOMS],
+    package_dir={'': 'src'}, package_data={'cortshift_tracking.console': ['page.html']}))

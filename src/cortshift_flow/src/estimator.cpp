@@ -5,17 +5,17 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
-#include "confidence.hpp"
-#include "exchange.hpp"
-#include "mismatch.hpp"
-#include "noise.hpp"
-#include "occlusion.hpp"
-#include "photometric.hpp"
-#include "piecewise.hpp"
-#include "polish.hpp"
-#include "prepare.hpp"
-#include "rough_flow.hpp"
-#include "spline_grid.hpp"
+#include "images/noise.hpp"
+#include "images/photometric.hpp"
+#include "images/prepare.hpp"
+#include "polish/piecewise.hpp"
+#include "polish/polish.hpp"
+#include "polish/spline_grid.hpp"
+#include "start/exchange.hpp"
+#include "start/rough_flow.hpp"
+#include "trust/confidence.hpp"
+#include "trust/mismatch.hpp"
+#include "trust/occlusion.hpp"
 
 namespace cortshift_flow {
 namespace {

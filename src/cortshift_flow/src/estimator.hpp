@@ -1,8 +1,8 @@
 // The default method: a robust start, the paper's energy at coarse levels, and a second-order polish.
 #pragma once
 
-#include "coarse_to_fine.hpp"
 #include "cortshift_flow/flow.hpp"
+#include "variational/coarse_to_fine.hpp"
 
 namespace cortshift_flow {
 

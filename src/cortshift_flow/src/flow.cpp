@@ -3,8 +3,8 @@
 #include <cstring>
 
 #include "estimator.hpp"
-#include "prepare.hpp"
-#include "variational.hpp"
+#include "images/prepare.hpp"
+#include "variational/variational.hpp"
 
 namespace cortshift_flow {
 namespace {

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/frame_average.hpp"
+#include "cortshift_stereo/averaging/frame_average.hpp"
 #include "cortshift_stereo/heap.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
 #include "phantom_pair.hpp"

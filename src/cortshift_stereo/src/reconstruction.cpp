@@ -7,8 +7,8 @@
 #include <opencv2/core/utility.hpp>
 #include <string>
 
-#include "cortshift_stereo/refinement.hpp"
-#include "cortshift_stereo/triangulation.hpp"
+#include "cortshift_stereo/geometry/triangulation.hpp"
+#include "cortshift_stereo/refinement/refinement.hpp"
 
 namespace cortshift_stereo {
 namespace {

@@ -1,9 +1,9 @@
 // The accuracy that a surgeon is promised, on the cortical phantom at full resolution.
 #include <gtest/gtest.h>
 
-#include "cortshift_stereo/frame_average.hpp"
+#include "cortshift_stereo/averaging/frame_average.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
-#include "cortshift_stereo/refinement.hpp"
+#include "cortshift_stereo/refinement/refinement.hpp"
 #include "phantom_pair.hpp"
 
 namespace cortshift_stereo {

@@ -9,8 +9,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "analytic_scene.hpp"
-#include "cortshift_stereo/frame_average.hpp"
-#include "cortshift_stereo/refinement.hpp"
+#include "cortshift_stereo/averaging/frame_average.hpp"
+#include "cortshift_stereo/refinement/refinement.hpp"
 
 namespace cortshift_stereo {
 namespace {

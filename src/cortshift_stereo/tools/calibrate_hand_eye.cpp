@@ -3,9 +3,9 @@
 #include <filesystem>
 
 #include "cortshift_stereo/calibration/camera_info_yaml.hpp"
-#include "cortshift_stereo/calibration/hand_eye_yaml.hpp"
-#include "cortshift_stereo/calibration/pose_table.hpp"
-#include "cortshift_stereo/calibration/stereo_report.hpp"
+#include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
+#include "cortshift_stereo/calibration/hand_eye/pose_table.hpp"
+#include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
 #include "cortshift_stereo/command_line.hpp"
 
 namespace cortshift_stereo {

@@ -1,9 +1,9 @@
 // Images of fixed boards at many settings of the microscope to the deformation fields that undo the settings.
 #include <cstdio>
 
-#include "cortshift_stereo/calibration/setting_views.hpp"
-#include "cortshift_stereo/calibration/settings_report.hpp"
-#include "cortshift_stereo/calibration/stereo_report.hpp"
+#include "cortshift_stereo/calibration/settings/setting_views.hpp"
+#include "cortshift_stereo/calibration/settings/settings_report.hpp"
+#include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
 #include "cortshift_stereo/command_line.hpp"
 
 namespace cortshift_stereo {

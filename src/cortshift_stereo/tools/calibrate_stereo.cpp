@@ -3,7 +3,7 @@
 #include <sstream>
 
 #include "cortshift_stereo/calibration/board_images.hpp"
-#include "cortshift_stereo/calibration/stereo_report.hpp"
+#include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
 #include "cortshift_stereo/command_line.hpp"
 
 namespace cortshift_stereo {

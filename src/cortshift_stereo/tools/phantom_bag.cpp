@@ -15,8 +15,8 @@
 #include "cortshift_stereo/command_line.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
-#include "sources/phantom_motion.hpp"
-#include "sources/simulated_tracker.hpp"
+#include "sources/phantom/phantom_motion.hpp"
+#include "sources/phantom/simulated_tracker.hpp"
 
 namespace cortshift_stereo {
 namespace {

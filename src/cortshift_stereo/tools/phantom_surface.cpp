@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/point_transform.hpp"
+#include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
 

@@ -5,8 +5,8 @@
 
 #include "cortshift_stereo/calibration/camera_info_yaml.hpp"
 #include "cortshift_stereo/command_line.hpp"
+#include "cortshift_stereo/geometry/surface_file.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
-#include "cortshift_stereo/surface_file.hpp"
 
 namespace cortshift_stereo {
 namespace {

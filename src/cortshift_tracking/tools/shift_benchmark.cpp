@@ -11,11 +11,11 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/point_transform.hpp"
+#include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
-#include "cortshift_tracking/closure.hpp"
-#include "cortshift_tracking/pictures.hpp"
+#include "cortshift_tracking/field/closure.hpp"
+#include "cortshift_tracking/field/pictures.hpp"
 #include "cortshift_tracking/shift.hpp"
 #include "cortshift_tracking_phantom/field_truth.hpp"
 

@@ -3,10 +3,10 @@
 
 #include <opencv2/core.hpp>
 
-#include "cortshift_stereo/matching.hpp"
-#include "cortshift_stereo/pair_quality.hpp"
-#include "cortshift_stereo/rectifier.hpp"
-#include "cortshift_stereo/surface.hpp"
+#include "cortshift_stereo/admission/pair_quality.hpp"
+#include "cortshift_stereo/geometry/surface.hpp"
+#include "cortshift_stereo/matching/matching.hpp"
+#include "cortshift_stereo/rectification/rectifier.hpp"
 
 namespace cortshift_stereo {
 

@@ -4,7 +4,7 @@
 #include <map>
 #include <regex>
 
-#include "same_size_images.hpp"
+#include "calibration/same_size_images.hpp"
 
 namespace cortshift_stereo {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <sstream>
 
-#include "yaml_file.hpp"
+#include "calibration/yaml_file.hpp"
 
 namespace cortshift_stereo {
 namespace {

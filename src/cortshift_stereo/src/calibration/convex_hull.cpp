@@ -1,4 +1,4 @@
-#include "convex_hull.hpp"
+#include "calibration/convex_hull.hpp"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "least_squares.hpp"
+#include "calibration/least_squares.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>

@@ -1,4 +1,4 @@
-#include "outliers.hpp"
+#include "calibration/outliers.hpp"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "same_size_images.hpp"
+#include "calibration/same_size_images.hpp"
 
 #include "cortshift_stereo/calibration/board.hpp"
 

@@ -1,4 +1,4 @@
-#include "yaml_file.hpp"
+#include "calibration/yaml_file.hpp"
 
 #include <cmath>
 #include <cstdio>

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/camera_model.hpp"
+#include "cortshift_stereo/geometry/camera_model.hpp"
 
 namespace cortshift_stereo {
 

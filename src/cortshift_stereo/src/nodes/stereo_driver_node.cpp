@@ -2,9 +2,9 @@
 // for parameters, topics and services.
 #include <ros/ros.h>
 
-#include "cortshift_stereo/ros/live_rig.hpp"
-#include "cortshift_stereo/ros/phantom_rig.hpp"
-#include "cortshift_stereo/ros/stereo_driver.hpp"
+#include "cortshift_stereo/ros/driver/live_rig.hpp"
+#include "cortshift_stereo/ros/driver/phantom_rig.hpp"
+#include "cortshift_stereo/ros/driver/stereo_driver.hpp"
 
 namespace cortshift_stereo {
 namespace {

@@ -5,7 +5,7 @@
 #include <optional>
 #include <utility>
 
-#include "cortshift_stereo/point_transform.hpp"
+#include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 
 namespace cortshift_stereo {

@@ -9,7 +9,7 @@
 #include <type_traits>
 #include <utility>
 
-#include "cortshift_stereo/point_transform.hpp"
+#include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 
 namespace cortshift_stereo {

@@ -1,4 +1,4 @@
-#include "faulty_source.hpp"
+#include "sources/faulty_source.hpp"
 
 #include <utility>
 

@@ -4,7 +4,7 @@
 #include <memory>
 #include <string>
 
-#include "cortshift_stereo/stereo_source.hpp"
+#include "cortshift_stereo/sources/stereo_source.hpp"
 
 namespace cortshift_stereo {
 

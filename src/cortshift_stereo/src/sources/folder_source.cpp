@@ -1,4 +1,4 @@
-#include "folder_source.hpp"
+#include "sources/folder_source.hpp"
 
 #include <algorithm>
 #include <opencv2/core/utils/filesystem.hpp>

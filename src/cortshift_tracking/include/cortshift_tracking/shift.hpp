@@ -5,16 +5,16 @@
 #include <optional>
 #include <vector>
 
-#include "cortshift_stereo/surface.hpp"
-#include "cortshift_tracking/displacement_field.hpp"
-#include "cortshift_tracking/exclusion.hpp"
-#include "cortshift_tracking/inversion.hpp"
-#include "cortshift_tracking/projection.hpp"
-#include "cortshift_tracking/projection_frame.hpp"
-#include "cortshift_tracking/registration.hpp"
-#include "cortshift_tracking/strain.hpp"
-#include "cortshift_tracking/summary.hpp"
-#include "cortshift_tracking/trust.hpp"
+#include "cortshift_stereo/geometry/surface.hpp"
+#include "cortshift_tracking/field/displacement_field.hpp"
+#include "cortshift_tracking/field/exclusion.hpp"
+#include "cortshift_tracking/field/inversion.hpp"
+#include "cortshift_tracking/field/strain.hpp"
+#include "cortshift_tracking/field/summary.hpp"
+#include "cortshift_tracking/matching/image_matching.hpp"
+#include "cortshift_tracking/projection/projection.hpp"
+#include "cortshift_tracking/projection/projection_frame.hpp"
+#include "cortshift_tracking/trust/trust.hpp"
 
 namespace cortshift_tracking {
 

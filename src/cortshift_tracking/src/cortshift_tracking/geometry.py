@@ -3,7 +3,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cortshift_tracking.cross_section import median_spacing
+from cortshift_tracking.mr.cross_section import median_spacing
 from cortshift_tracking.errors import CaseError
 
 

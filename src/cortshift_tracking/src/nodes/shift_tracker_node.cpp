@@ -2,7 +2,7 @@
 
 #include <exception>
 
-#include "cortshift_tracking/ros/shift_tracker.hpp"
+#include "cortshift_tracking/ros/tracker/shift_tracker.hpp"
 
 int main(int argc, char** argv) {
   ros::init(argc, argv, "shift_tracker");

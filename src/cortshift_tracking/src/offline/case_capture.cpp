@@ -6,11 +6,11 @@
 #include <limits>
 #include <optional>
 
-#include "cortshift_stereo/point_transform.hpp"
+#include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
-#include "cortshift_tracking/ros/pose_watch.hpp"
-#include "cortshift_tracking/ros/registration.hpp"
-#include "cortshift_tracking/ros/stage_record.hpp"
+#include "cortshift_tracking/case/patient_registration.hpp"
+#include "cortshift_tracking/case/stage_record.hpp"
+#include "cortshift_tracking/ros/tracker/pose_watch.hpp"
 
 namespace cortshift_tracking {
 namespace {

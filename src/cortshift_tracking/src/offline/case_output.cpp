@@ -2,10 +2,10 @@
 
 #include <cstdio>
 
-#include "cortshift_tracking/durable_file.hpp"
+#include "cortshift_tracking/case/durable_file.hpp"
+#include "cortshift_tracking/case/memory_bag.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
-#include "cortshift_tracking/ros/memory_bag.hpp"
 
 namespace cortshift_tracking {
 namespace {

@@ -8,9 +8,9 @@
 #include <set>
 #include <stdexcept>
 
-#include "cortshift_stereo/frame_collector.hpp"
+#include "cortshift_stereo/averaging/frame_collector.hpp"
+#include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/error.hpp"
-#include "cortshift_tracking/stage_key.hpp"
 
 namespace cortshift_tracking {
 namespace {

@@ -8,9 +8,9 @@
 #include <cmath>
 #include <set>
 
-#include "cortshift_stereo/pair_synchroniser.hpp"
+#include "cortshift_stereo/admission/pair_synchroniser.hpp"
 #include "cortshift_stereo/ros/settings_history.hpp"
-#include "cortshift_tracking/ros/registration.hpp"
+#include "cortshift_tracking/case/patient_registration.hpp"
 
 namespace cortshift_tracking {
 namespace {

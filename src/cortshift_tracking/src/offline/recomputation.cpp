@@ -8,10 +8,10 @@
 #include <regex>
 
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/stage_record.hpp"
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/field/summary.hpp"
 #include "cortshift_tracking/offline/case_capture.hpp"
-#include "cortshift_tracking/ros/stage_record.hpp"
-#include "cortshift_tracking/summary.hpp"
 
 namespace cortshift_tracking {
 

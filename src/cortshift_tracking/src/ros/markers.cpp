@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "cortshift_tracking/pictures.hpp"
+#include "cortshift_tracking/field/pictures.hpp"
 
 namespace cortshift_tracking {
 namespace {

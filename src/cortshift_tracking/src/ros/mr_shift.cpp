@@ -6,10 +6,10 @@
 #include <cmath>
 
 #include "cortshift_stereo/ros/conversions.hpp"
-#include "cortshift_tracking/composition.hpp"
+#include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/field/composition.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
-#include "cortshift_tracking/stage_key.hpp"
 
 namespace cortshift_tracking {
 namespace {

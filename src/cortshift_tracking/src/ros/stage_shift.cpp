@@ -1,8 +1,8 @@
 #include "cortshift_tracking/ros/stage_shift.hpp"
 
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/error.hpp"
-#include "cortshift_tracking/stage_key.hpp"
 
 namespace cortshift_tracking {
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/calibration/stereo_calibration.hpp"
+#include "cortshift_stereo/calibration/stereo/stereo_calibration.hpp"
 
 namespace cortshift_stereo {
 

@@ -14,8 +14,8 @@
 #include <opencv2/core.hpp>
 #include <stdexcept>
 
-#include "cortshift_stereo/camera_model.hpp"
-#include "cortshift_stereo/surface.hpp"
+#include "cortshift_stereo/geometry/camera_model.hpp"
+#include "cortshift_stereo/geometry/surface.hpp"
 
 namespace cortshift_stereo {
 

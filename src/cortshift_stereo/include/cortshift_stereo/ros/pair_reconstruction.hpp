@@ -11,10 +11,10 @@
 #include <memory>
 #include <string>
 
-#include "cortshift_stereo/rectifier_selector.hpp"
+#include "cortshift_stereo/averaging/view_frames.hpp"
+#include "cortshift_stereo/rectification/rectifier_selector.hpp"
 #include "cortshift_stereo/ros/pose_tree.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
-#include "cortshift_stereo/view_frames.hpp"
 
 namespace cortshift_stereo {
 

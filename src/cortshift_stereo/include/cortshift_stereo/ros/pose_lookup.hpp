@@ -10,7 +10,7 @@
 #include <mutex>
 #include <string>
 
-#include "cortshift_stereo/transform_tree.hpp"
+#include "cortshift_stereo/geometry/transform_tree.hpp"
 
 namespace cortshift_stereo {
 

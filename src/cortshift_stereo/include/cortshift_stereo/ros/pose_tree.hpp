@@ -7,7 +7,7 @@
 #include <functional>
 #include <string>
 
-#include "cortshift_stereo/transform_tree.hpp"
+#include "cortshift_stereo/geometry/transform_tree.hpp"
 
 namespace cortshift_stereo {
 

@@ -18,8 +18,8 @@
 #include <string>
 #include <thread>
 
-#include "cortshift_stereo/frame_collector.hpp"
-#include "cortshift_stereo/pair_synchroniser.hpp"
+#include "cortshift_stereo/admission/pair_synchroniser.hpp"
+#include "cortshift_stereo/averaging/frame_collector.hpp"
 #include "cortshift_stereo/ros/pair_reconstruction.hpp"
 #include "cortshift_stereo/ros/pose_lookup.hpp"
 #include "cortshift_stereo/ros/settings_history.hpp"

@@ -4,10 +4,10 @@
 #include <optional>
 #include <string>
 
-#include "cortshift_stereo/calibration/settings_warp.hpp"
+#include "cortshift_stereo/averaging/view_frames.hpp"
+#include "cortshift_stereo/calibration/settings/settings_warp.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo/ros/parameter_source.hpp"
-#include "cortshift_stereo/view_frames.hpp"
 
 namespace cortshift_stereo {
 

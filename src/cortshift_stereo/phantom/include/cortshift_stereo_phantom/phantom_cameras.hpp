@@ -6,7 +6,7 @@
 #include <opencv2/core.hpp>
 #include <optional>
 
-#include "cortshift_stereo/camera_model.hpp"
+#include "cortshift_stereo/geometry/camera_model.hpp"
 #include "cortshift_stereo_phantom/phantom_case.hpp"
 
 namespace cortshift_stereo_phantom {

@@ -3,10 +3,10 @@
 
 #include <string>
 
+#include "cortshift_tracking/case/stage_store.hpp"
 #include "cortshift_tracking/offline/case_plan.hpp"
 #include "cortshift_tracking/offline/case_recording.hpp"
 #include "cortshift_tracking/offline/offline_parameters.hpp"
-#include "cortshift_tracking/ros/stage_store.hpp"
 
 namespace cortshift_tracking {
 

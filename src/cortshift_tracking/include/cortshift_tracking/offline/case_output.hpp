@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <string>
 
+#include "cortshift_tracking/case/stage_store.hpp"
 #include "cortshift_tracking/ros/stage_shift.hpp"
-#include "cortshift_tracking/ros/stage_store.hpp"
 
 namespace cortshift_tracking {
 

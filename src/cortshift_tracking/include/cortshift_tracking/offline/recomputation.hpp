@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "cortshift_stereo/ros/pair_reconstruction.hpp"
-#include "cortshift_tracking/displacement_field.hpp"
-#include "cortshift_tracking/ros/stage_store.hpp"
+#include "cortshift_tracking/case/stage_store.hpp"
+#include "cortshift_tracking/field/displacement_field.hpp"
 
 namespace cortshift_tracking {
 

@@ -3,7 +3,7 @@
 #include <std_msgs/Header.h>
 #include <visualization_msgs/MarkerArray.h>
 
-#include "cortshift_tracking/displacement_field.hpp"
+#include "cortshift_tracking/field/displacement_field.hpp"
 
 namespace cortshift_tracking {
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_tracking/ros/stage_store.hpp"
+#include "cortshift_tracking/case/stage_store.hpp"
 #include "cortshift_tracking/shift.hpp"
 
 namespace cortshift_tracking {

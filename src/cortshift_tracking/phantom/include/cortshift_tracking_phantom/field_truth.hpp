@@ -6,7 +6,7 @@
 #include <string>
 
 #include "cortshift_stereo_phantom/phantom_scene.hpp"
-#include "cortshift_tracking/displacement_field.hpp"
+#include "cortshift_tracking/field/displacement_field.hpp"
 
 namespace cortshift_tracking_phantom {
 

@@ -1,0 +1,27 @@
+// hand_eye.yaml: the edge microscope -> left_optical with its date and errors.
+#pragma once
+
+#include <string>
+
+#include "cortshift_stereo/calibration/hand_eye/hand_eye.hpp"
+
+namespace cortshift_stereo {
+
+/// What goes into the file beside the calibration itself.
+struct HandEyeReport {
+  std::string date;    ///< ISO 8601, UTC
+  std::string images;  ///< folder
+  std::string camera;  ///< file of the camera's intrinsics
+  Board board;
+  HandEyeSettings settings;
+  HandEyeCalibration calibration;
+};
+
+/// @throws CalibrationError if the file cannot be written.
+void writeHandEyeYaml(const std::string& path, const HandEyeReport& report);
+
+/// The pose of left_optical in microscope [m].
+/// @throws CalibrationError naming the file and key: missing or not YAML, other frames, or not a rotation.
+cv::Affine3d readHandEyeYaml(const std::string& path);
+
+}  // namespace cortshift_stereo

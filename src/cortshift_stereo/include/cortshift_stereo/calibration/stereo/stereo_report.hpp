@@ -1,0 +1,33 @@
+// What a calibration of the stereo head leaves behind for people: how it was made and how good it is.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "cortshift_stereo/calibration/stereo/stereo_calibration.hpp"
+
+namespace cortshift_stereo {
+
+/// Everything that the report tells.
+struct StereoReport {
+  std::string date;    ///< ISO 8601, UTC
+  std::string images;  ///< folder
+  Board board;
+  StereoCalibration calibration;    ///< rejected: all views that took no part
+  std::optional<SetErrors> checks;  ///< on views that were kept out of the fit on purpose
+};
+
+/// Now, as ISO 8601 in UTC.
+std::string dateNow();
+
+/// The report as YAML that people can read; lengths in millimetres where the key says _mm.
+std::string reportText(const StereoReport& report);
+
+/// The few lines that go into the head of each camera's file.
+std::string remarksText(const StereoReport& report);
+
+/// Write left.yaml, right.yaml and report.yaml into a folder, which is made if it is missing.
+/// @throws CalibrationError if something cannot be written.
+void writeStereoCalibration(const std::string& folder, const StereoReport& report);
+
+}  // namespace cortshift_stereo

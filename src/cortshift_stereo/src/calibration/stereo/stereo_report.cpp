@@ -1,0 +1,115 @@
+#include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
+
+#include <cmath>
+#include <ctime>
+#include <filesystem>
+#include <opencv2/calib3d.hpp>
+#include <sstream>
+
+#include "calibration/yaml_file.hpp"
+#include "cortshift_stereo/calibration/camera_info_yaml.hpp"
+
+namespace cortshift_stereo {
+namespace {
+
+constexpr double kMillimetre = 1e-3;
+
+std::string errorsText(const SetErrors& errors, const std::string& indent) {
+  return indent + "reprojection_rms_px: " + fixedText(errors.reprojection_rms, 4) + "\n" + indent +
+         "epipolar_rms_px: " + fixedText(errors.epipolar_rms, 4) + "\n" + indent +
+         "corner_spacing_error_mm: " + fixedText(errors.spacing_error / kMillimetre, 4) + "\n";
+}
+
+std::string pairsText(const SetErrors& errors, const std::string& indent) {
+  std::string text = indent + "views:\n";
+  for (const auto& pair : errors.pairs)
+    text += indent + "  - {name: \"" + pair.name + "\", reprojection_rms_px: " + fixedText(pair.rms, 4) +
+            ", left_rms_px: " + fixedText(pair.left_rms, 4) + ", right_rms_px: " + fixedText(pair.right_rms, 4) +
+            ", epipolar_rms_px: " + fixedText(pair.epipolar_rms, 4) +
+            ", corner_spacing_error_mm: " + fixedText(pair.spacing_error / kMillimetre, 4) + "}\n";
+  return text;
+}
+
+const DistortionScore& chosenScore(const StereoCalibration& calibration) {
+  for (const auto& score : calibration.scores)
+    if (score.model == calibration.model) return score;
+  return calibration.scores.front();
+}
+
+/// The paper's eleven numbers of Eq. 1 per camera and pair: f, S_x, k1, Cx, Cy, and the pose.
+std::string cameraText(const std::string& side, const cv::Matx33d& K, const std::vector<double>& D) {
+  return side + ": {focal_length_px: " + exactText(K(1, 1)) + ", aspect_fx_over_fy: " + exactText(K(0, 0) / K(1, 1)) +
+         ", cx_px: " + exactText(K(0, 2)) + ", cy_px: " + exactText(K(1, 2)) +
+         ", distortion_k1_k2_p1_p2_k3: " + exactText(D) + "}\n";
+}
+
+}  // namespace
+
+std::string dateNow() {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  char text[32];
+  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &utc);
+  return text;
+}
+
+std::string reportText(const StereoReport& report) {
+  const auto& calibration = report.calibration;
+  const auto& parameters = calibration.parameters;
+  cv::Vec3d turn;
+  cv::Rodrigues(parameters.R_right_left, turn);
+  const double to_degrees = 180 / CV_PI;
+  std::ostringstream text;
+  text << "# Calibration of the stereo head. Held-out errors are of views that took no part in the fit that they\n"
+          "# check; the board's pose is fitted to both images of a view at once. Distances between points are\n"
+          "# root mean squares; corner_spacing_error is the mean |distance of neighbouring corners - square|.\n"
+       << "date: " << report.date << "\nimages: " << YAML::Dump(YAML::Node(report.images)) << "\n"
+       << "board: {inner_corners: " << report.board.name()
+       << ", square_mm: " << exactText(report.board.square / kMillimetre) << "}\n"
+       << "image_size_px: [" << parameters.size.width << ", " << parameters.size.height << "]\n"
+       << cameraText("left", parameters.K_left, parameters.D_left)
+       << cameraText("right", parameters.K_right, parameters.D_right) << "left_in_right: {rotation_vector_deg: "
+       << exactText({turn[0] * to_degrees, turn[1] * to_degrees, turn[2] * to_degrees}) << ", translation_mm: "
+       << exactText({parameters.t_right_left[0] / kMillimetre, parameters.t_right_left[1] / kMillimetre,
+                     parameters.t_right_left[2] / kMillimetre})
+       << "}\n"
+       << "baseline_mm: " << fixedText(cv::norm(parameters.t_right_left) / kMillimetre, 4) << "\n"
+       << "focal_length_deviation_percent: " << fixedText(100 * calibration.focal_deviation, 3) << "\n"
+       << "distortion_model: " << calibration.model
+       << "  # fewest terms within 1 % of the lowest cross-validated reprojection error\n"
+       << "cross_validation:\n";
+  for (const auto& score : calibration.scores)
+    text << "  - model: " << score.model << "\n" << errorsText(score.held_out, "    ");
+  text << "held_out_in_turn:  # cross-validation of the chosen model\n"
+       << pairsText(chosenScore(calibration).held_out, "  ") << "used:\n"
+       << errorsText(calibration.used, "  ") << pairsText(calibration.used, "  ");
+  if (report.checks)
+    text << "checked:  # views kept out on purpose\n"
+         << errorsText(*report.checks, "  ") << pairsText(*report.checks, "  ");
+  text << "rejected:" << (calibration.rejected.empty() ? " []" : "") << "\n";
+  for (const auto& view : calibration.rejected)
+    text << "  - {name: \"" << view.name << "\", reason: \"" << view.reason << "\"}\n";
+  return text.str();
+}
+
+std::string remarksText(const StereoReport& report) {
+  const auto& held_out = chosenScore(report.calibration).held_out;
+  return "Calibrated " + report.date + " from " + std::to_string(report.calibration.used.pairs.size()) +
+         " views of a " + report.board.name() + " board with squares of " +
+         exactText(report.board.square / kMillimetre) + " mm.\nDistortion: " + report.calibration.model +
+         ". Reprojection RMS " + fixedText(report.calibration.used.reprojection_rms, 3) + " px, on held-out views " +
+         fixedText(held_out.reprojection_rms, 3) + " px, epipolar " + fixedText(held_out.epipolar_rms, 3) + " px.";
+}
+
+void writeStereoCalibration(const std::string& folder, const StereoReport& report) {
+  const StereoModel model = rectify(report.calibration.parameters);
+  makeFolder(folder);
+  const std::filesystem::path place(folder);
+  const std::string remarks = remarksText(report);
+  writeCameraInfoYaml((place / "left.yaml").string(), {"left", model.left}, remarks);
+  writeCameraInfoYaml((place / "right.yaml").string(), {"right", model.right}, remarks);
+  writeTextFile((place / "report.yaml").string(), reportText(report));
+}
+
+}  // namespace cortshift_stereo

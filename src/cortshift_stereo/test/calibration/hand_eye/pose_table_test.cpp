@@ -1,0 +1,90 @@
+#include "cortshift_stereo/calibration/hand_eye/pose_table.hpp"
+
+#include <gmock/gmock.h>
+
+#include <fstream>
+
+#include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
+#include "scratch_folder.hpp"
+
+namespace cortshift_stereo {
+namespace {
+
+const std::string kHeader = "image,x,y,z,qx,qy,qz,qw\n";
+
+std::string written(const ScratchFolder& folder, const std::string& text) {
+  const std::string path = folder.file("poses.csv");
+  std::ofstream(path) << text;
+  return path;
+}
+
+std::string refusal(const std::string& text) {
+  const ScratchFolder folder;
+  const std::string path = written(folder, text);
+  try {
+    readPoseTable(path);
+  } catch (const CalibrationError& fault) {
+    EXPECT_THAT(fault.what(), testing::HasSubstr(path));
+    return fault.what();
+  }
+  return "not refused";
+}
+
+TEST(PoseTable, ReadsPosesInOrder) {
+  const ScratchFolder folder;
+  const auto poses =
+      readPoseTable(written(folder, kHeader + "a.png,0.1,0.2,0.3,0,0,0,1\r\n\n b 2.png , 1,2,3, 0.6,0,0,-0.8\n"));
+  ASSERT_EQ(poses.size(), 2U);
+  EXPECT_EQ(poses[0].image, "a.png");
+  EXPECT_EQ(poses[0].T_reference_microscope.translation(), cv::Vec3d(0.1, 0.2, 0.3));
+  EXPECT_EQ(poses[1].image, "b 2.png");
+  EXPECT_NEAR(poses[1].T_reference_microscope.rvec()[0], -2 * std::atan2(0.6, 0.8), 1e-12);
+}
+
+TEST(PoseTable, RefusesFaultsByFileAndLine) {
+  EXPECT_THAT(refusal("image,x,y,z,qw,qx,qy,qz\n"), testing::HasSubstr("line 1: the header is"));
+  EXPECT_THAT(refusal(kHeader), testing::HasSubstr("no poses in it"));
+  EXPECT_THAT(refusal(kHeader + "a,0,0,0,0,0,0,1\nb,0,0,0,0,0,1\n"), testing::HasSubstr("line 3: 7 columns"));
+  EXPECT_THAT(refusal(kHeader + "a,0,0,zero,0,0,0,1\n"), testing::HasSubstr("line 2: 'zero' in column 4"));
+  EXPECT_THAT(refusal(kHeader + "a,0,0,nan,0,0,0,1\n"), testing::HasSubstr("'nan' in column 4"));
+  EXPECT_THAT(refusal(kHeader + "a,0,0,0,0,0,0,\n"), testing::HasSubstr("'' in column 8"));
+  EXPECT_THAT(refusal(kHeader + "a,0,0,0,0,0,0,0\n"), testing::HasSubstr("line 2: qx,qy,qz,qw is not of unit length"));
+  EXPECT_THAT(refusal(kHeader + "a,0,0,0,0.5,0.5,0.5,0.6\n"), testing::HasSubstr("not of unit length"));
+  EXPECT_THAT(refusal(kHeader + "a,100,200,50,0,0,0,1\n"), testing::HasSubstr("metres, not millimetres"));
+  EXPECT_THAT(refusal(kHeader + "a,0,0,0,0,0,0,1\na,0,0,0,0,0,0,1\n"), testing::HasSubstr("line 3: image a has a row"));
+  EXPECT_THAT(refusal(kHeader + ",0,0,0,0,0,0,1\n"), testing::HasSubstr("name is missing"));
+  EXPECT_THROW(readPoseTable("/nowhere/poses.csv"), CalibrationError);
+}
+
+TEST(HandEyeYaml, ReadsBackItsPoseAndRefusesOthers) {
+  const ScratchFolder folder;
+  HandEyeReport report;
+  report.board = {{9, 6}, 0.006};
+  report.calibration.T_microscope_left = cv::Affine3d(cv::Vec3d(0.1, -2.5, 1.0), cv::Vec3d(0.1, 0.2, -0.3));
+  report.calibration.rejected.push_back({"a.png", "blurred"});
+  const std::string path = folder.file("hand_eye.yaml");
+  writeHandEyeYaml(path, report);
+  const cv::Affine3d difference = report.calibration.T_microscope_left.inv() * readHandEyeYaml(path);
+  EXPECT_LT(cv::norm(difference.rvec()), 1e-12);
+  EXPECT_LT(cv::norm(difference.translation()), 1e-12);
+  const auto refused = [&](const std::string& text) -> std::string {
+    std::ofstream(path) << text;
+    try {
+      readHandEyeYaml(path);
+    } catch (const CalibrationError& fault) {
+      EXPECT_THAT(fault.what(), testing::HasSubstr(path));
+      return fault.what();
+    }
+    return "not refused";
+  };
+  const std::string frames = "parent_frame: microscope\nchild_frame: left_optical\n";
+  EXPECT_THAT(refused(frames + "translation: [0, 0, 0]\nrotation: [0, 0, 0, 2]\n"),
+              testing::HasSubstr("unit quaternion"));
+  EXPECT_THAT(refused(frames + "translation: [0, 0, 0]\n"), testing::HasSubstr("rotation is missing"));
+  EXPECT_THAT(refused(frames + "translation: [0, 0]\nrotation: [0, 0, 0, 1]\n"), testing::HasSubstr("3 numbers"));
+  EXPECT_THAT(refused("parent_frame: left_optical\nchild_frame: microscope\ntranslation: [0, 0, 0]\n"),
+              testing::HasSubstr("it is the pose of microscope in left_optical"));
+}
+
+}  // namespace
+}  // namespace cortshift_stereo

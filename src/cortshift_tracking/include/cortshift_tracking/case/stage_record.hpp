@@ -1,0 +1,17 @@
+// From a surface and what was seen with it to a complete stage: the step that a running node and a recorded case share.
+#pragma once
+
+#include <string>
+
+#include "cortshift_stereo/ros/pose_tree.hpp"
+#include "cortshift_tracking/case/stage_store.hpp"
+
+namespace cortshift_tracking {
+
+/// Fills info (but for the epoch, which the store counts) and transforms of a record that has info.key, info.note,
+/// info.stamp, surface and what is known of the pair.
+/// @returns what a person should know about what is missing; each remark begins with "; "
+/// @throws TrackingError or cortshift_stereo::MessageError for a surface that no shift can be computed from
+std::string completeStage(StageRecord& record, const cortshift_stereo::PoseAt& pose_at);
+
+}  // namespace cortshift_tracking

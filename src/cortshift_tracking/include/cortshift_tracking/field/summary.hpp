@@ -1,0 +1,46 @@
+// A displacement field in numbers (Ji et al. 2014, section 2.7.2 and Table 3).
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <string>
+
+#include "cortshift_tracking/field/displacement_field.hpp"
+
+namespace cortshift_tracking {
+
+constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+
+/// Mean and standard deviation (of a sample, n - 1); NaN where there is nothing to average.
+struct Statistic {
+  double mean = kUnknown;
+  double sd = kUnknown;
+};
+
+/// Lengths in metres, angles in radians. NaN: not known.
+struct Summary {
+  std::size_t valid_points = 0;
+  double overlap = 0;                      ///< 0...1, see overlapOf
+  Statistic magnitude;                     ///< |d|
+  Statistic gravity;                       ///< along gravity, positive: with it
+  Statistic normal;                        ///< along the first stage's average normal, positive: bulging
+  Statistic lateral;                       ///< |d perpendicular to that normal|
+  double gravity_normal_angle = kUnknown;  ///< [rad]
+  double projection_seconds = 0;           ///< wall time
+  double flow_seconds = 0;
+  double inversion_seconds = 0;  ///< with the assessment of trust
+
+  double compute_seconds() const { return projection_seconds + flow_seconds + inversion_seconds; }
+};
+
+/// @param first_normal_pmr average normal of the case's first stage, unit length
+/// @param gravity_pmr direction of gravity, unit length, if known
+Summary summarise(const DisplacementField& field, double overlap, const Eigen::Vector3d& first_normal_pmr,
+                  const std::optional<Eigen::Vector3d>& gravity_pmr);
+
+/// The summary as lines of text for people, in millimetres, degrees and seconds.
+std::string toText(const Summary& summary);
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,46 @@
+#include "cortshift_tracking/case/memory_bag.hpp"
+
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+
+#include "cortshift_tracking/case/durable_file.hpp"
+#include "cortshift_tracking/error.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+/// A file in memory with a name that rosbag can open. A bag's destructor writes its index and so must not meet a full
+/// disk; a file in memory can then be written out with every error in our own hands.
+class MemoryFile {
+ public:
+  MemoryFile() : descriptor_(::memfd_create("bag", MFD_CLOEXEC)) {
+    if (descriptor_ < 0) throw TrackingError(std::string("no memory for a bag: ") + std::strerror(errno));
+  }
+  ~MemoryFile() { ::close(descriptor_); }
+  MemoryFile(const MemoryFile&) = delete;
+  MemoryFile& operator=(const MemoryFile&) = delete;
+
+  std::string path() const { return "/proc/self/fd/" + std::to_string(descriptor_); }
+
+ private:
+  int descriptor_;
+};
+
+}  // namespace
+
+std::string bagBytes(const std::function<void(rosbag::Bag&)>& fill) {
+  const MemoryFile file;
+  try {
+    rosbag::Bag bag(file.path(), rosbag::bagmode::Write);
+    fill(bag);
+    bag.close();
+  } catch (const rosbag::BagException& error) {
+    throw TrackingError(std::string("a bag cannot be written: ") + error.what());
+  }
+  return readWhole(file.path());
+}
+
+}  // namespace cortshift_tracking

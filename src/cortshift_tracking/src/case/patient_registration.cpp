@@ -1,0 +1,99 @@
+#include "cortshift_tracking/case/patient_registration.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "cortshift_stereo/ros/pose_tree.hpp"
+#include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/field/summary.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+constexpr double kSameShift = 1e-6;  // [m]
+constexpr double kSameTurn = 1e-6;   // [rad]
+const ros::Duration kSettling(0.5);  // for every node to hear of a change
+
+bool known(const geometry_msgs::Pose& pose) { return std::isfinite(pose.position.x); }
+
+Eigen::Isometry3d isometryOf(const geometry_msgs::Pose& pose) {
+  const geometry_msgs::Quaternion& q = pose.orientation;
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix();
+  T.translation() = Eigen::Vector3d(pose.position.x, pose.position.y, pose.position.z);
+  return T;
+}
+
+geometry_msgs::Pose unknown() {
+  geometry_msgs::Pose pose;
+  pose.position.x = pose.position.y = pose.position.z = kUnknown;
+  pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = kUnknown;
+  return pose;
+}
+
+std::optional<geometry_msgs::Pose> find(const tf2_msgs::TFMessage& message) {
+  std::optional<geometry_msgs::Pose> found;
+  for (const geometry_msgs::TransformStamped& edge : message.transforms) {
+    if (cortshift_stereo::withoutSlash(edge.header.frame_id) != "pmr" ||
+        cortshift_stereo::withoutSlash(edge.child_frame_id) != "reference")
+      continue;
+    found.emplace();
+    found->position.x = edge.transform.translation.x;
+    found->position.y = edge.transform.translation.y;
+    found->position.z = edge.transform.translation.z;
+    found->orientation = edge.transform.rotation;
+  }
+  return found;
+}
+
+}  // namespace
+
+geometry_msgs::Pose registrationOf(const tf2_msgs::TFMessage& fixed) { return find(fixed).value_or(unknown()); }
+
+bool sameRegistration(const geometry_msgs::Pose& a, const geometry_msgs::Pose& b) {
+  if (!known(a) || !known(b)) return known(a) == known(b);
+  const Eigen::Isometry3d change = isometryOf(a).inverse() * isometryOf(b);
+  return change.translation().norm() <= kSameShift && Eigen::AngleAxisd(change.linear()).angle() <= kSameTurn;
+}
+
+std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector<cortshift_msgs::StageInfo>& stages) {
+  if (!known(registration)) return 0;
+  std::uint32_t newest = 0;
+  for (const cortshift_msgs::StageInfo& stage : stages) {
+    if (stage.epoch > 0 && sameRegistration(stage.registration, registration)) return stage.epoch;
+    newest = std::max(newest, stage.epoch);
+  }
+  return newest + 1;
+}
+
+void requireSettled(const ros::Time& stamp, const ros::Time& changed) {
+  if (stamp < changed + kSettling)
+    throw TrackingError("the patient registration changed at " + std::to_string(changed.toSec()) +
+                        ", while or after the pair at " + std::to_string(stamp.toSec()) +
+                        " was taken; capture again now that it is settled");
+}
+
+void RegistrationWatch::add(const tf2_msgs::TFMessage& message) {
+  const auto heard = find(message);
+  if (!heard) return;
+  const std::lock_guard<std::mutex> guard(mutex_);
+  if (newest_ && !sameRegistration(*newest_, *heard)) {
+    changed_ = ros::Time::now();
+    ROS_WARN("the patient registration has changed: stages from now on belong to another epoch");
+  }
+  newest_ = heard;
+}
+
+geometry_msgs::Pose RegistrationWatch::newest() const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return newest_.value_or(unknown());
+}
+
+void RegistrationWatch::requireSettled(const ros::Time& stamp) const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  if (changed_.isZero() || changed_ > ros::Time::now()) return;  // a clock that was set back: another play of a bag
+  cortshift_tracking::requireSettled(stamp, changed_);
+}
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,71 @@
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+
+#include "cortshift_tracking/case/memory_bag.hpp"
+#include "cortshift_tracking/case/stage_store.hpp"
+#include "cortshift_tracking/error.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+template <typename Message>
+void write(rosbag::Bag& bag, const char* topic, const ros::Time& stamp,
+           const boost::shared_ptr<Message const>& message) {
+  if (message) bag.write(topic, stamp, *message);
+}
+
+template <typename Message>
+void read(const rosbag::MessageInstance& instance, const char* topic, boost::shared_ptr<Message const>& out) {
+  if (instance.getTopic() == topic) out = instance.instantiate<Message>();
+}
+
+}  // namespace
+
+std::string toBag(const StageRecord& record) {
+  const ros::Time stamp = std::max(record.info.stamp, ros::TIME_MIN);
+  return bagBytes([&](rosbag::Bag& bag) {
+    bag.write("/stage/info", stamp, record.info);
+    bag.write("/surface/points", stamp, *record.surface);
+    write(bag, "/stereo/left/image_raw", stamp, record.left);
+    write(bag, "/stereo/right/image_raw", stamp, record.right);
+    write(bag, "/stereo/left/image_raw/compressed", stamp, record.left_compressed);
+    write(bag, "/stereo/right/image_raw/compressed", stamp, record.right_compressed);
+    write(bag, "/stereo/left/camera_info", stamp, record.left_info);
+    write(bag, "/stereo/right/camera_info", stamp, record.right_info);
+    write(bag, "/microscope/settings", stamp, record.settings);
+    if (!record.tf.transforms.empty()) bag.write("/tf", stamp, record.tf);
+    if (!record.tf_static.transforms.empty()) bag.write("/tf_static", stamp, record.tf_static);
+  });
+}
+
+StageRecord stageFromBag(const std::filesystem::path& path) {
+  StageRecord record;
+  cortshift_msgs::StageInfoConstPtr info;
+  tf2_msgs::TFMessageConstPtr tf, tf_static;
+  try {
+    rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
+    rosbag::View view(bag);
+    for (const rosbag::MessageInstance& instance : view) {
+      read(instance, "/stage/info", info);
+      read(instance, "/surface/points", record.surface);
+      read(instance, "/stereo/left/image_raw", record.left);
+      read(instance, "/stereo/right/image_raw", record.right);
+      read(instance, "/stereo/left/image_raw/compressed", record.left_compressed);
+      read(instance, "/stereo/right/image_raw/compressed", record.right_compressed);
+      read(instance, "/stereo/left/camera_info", record.left_info);
+      read(instance, "/stereo/right/camera_info", record.right_info);
+      read(instance, "/microscope/settings", record.settings);
+      read(instance, "/tf", tf);
+      read(instance, "/tf_static", tf_static);
+    }
+  } catch (const std::exception& error) {  // rosbag, ROS serialisation and the allocator each have their own
+    throw TrackingError(path.string() + " is not a readable bag: " + error.what());
+  }
+  if (!info || !record.surface) throw TrackingError(path.string() + " holds no stage (/stage/info, /surface/points)");
+  record.info = *info;
+  if (tf) record.tf = *tf;
+  if (tf_static) record.tf_static = *tf_static;
+  return record;
+}
+
+}  // namespace cortshift_tracking

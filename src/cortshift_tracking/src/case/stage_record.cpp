@@ -1,0 +1,70 @@
+#include "cortshift_tracking/case/stage_record.hpp"
+
+#include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/patient_registration.hpp"
+#include "cortshift_tracking/field/summary.hpp"
+#include "cortshift_tracking/projection/projection_frame.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+using cortshift_stereo::PoseAt;
+
+geometry_msgs::Pose unknownPose() {
+  geometry_msgs::Pose pose;
+  pose.position.x = pose.position.y = pose.position.z = kUnknown;
+  pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = kUnknown;
+  return pose;
+}
+
+void addTransforms(StageRecord& record, const PoseAt& pose_at, std::string& remarks) {
+  const ros::Time& stamp = record.info.stamp;
+  try {
+    record.info.camera_pose = cortshift_stereo::toPose(pose_at("pmr", "left_optical", stamp));
+  } catch (const std::exception& error) {
+    record.info.camera_pose = unknownPose();
+    remarks += std::string("; camera pose not known: ") + error.what();
+    return;
+  }
+  const auto edge = [&](const char* parent, const char* child) {
+    geometry_msgs::TransformStamped transform;
+    transform.header.stamp = stamp;
+    transform.header.frame_id = parent;
+    transform.child_frame_id = child;
+    transform.transform = cortshift_stereo::toTransform(pose_at(parent, child, stamp));
+    return transform;
+  };
+  try {
+    record.tf_static.transforms = {edge("pmr", "reference"), edge("microscope", "left_optical"),
+                                   edge("left_optical", "right_optical")};
+    record.tf.transforms = {edge("reference", "microscope")};
+  } catch (const cortshift_stereo::PoseError&) {  // a tree without those frames in between
+    record.tf_static.transforms.clear();
+    record.tf.transforms = {edge("pmr", "left_optical")};
+  }
+}
+
+}  // namespace
+
+std::string completeStage(StageRecord& record, const PoseAt& pose_at) {
+  const cortshift_stereo::Surface surface = cortshift_stereo::surfaceFromPointCloud2(*record.surface);
+  averageNormal(surface);  // a surface that no shift can be computed from is refused now
+  record.info.valid_points = 0;
+  for (auto it = surface.points.begin<cv::Vec3f>(); it != surface.points.end<cv::Vec3f>(); ++it)
+    if ((*it)[0] == (*it)[0]) ++record.info.valid_points;
+  record.info.coverage = record.info.valid_points / static_cast<double>(surface.points.total());
+  std::string remarks;
+  const bool has_pair = (record.left && record.right) || (record.left_compressed && record.right_compressed);
+  if (!has_pair) remarks += "; without its raw pair, which was not seen";
+  if (record.settings) {
+    record.info.settings = *record.settings;
+  } else {
+    record.info.settings.header.stamp = record.info.stamp;
+    record.info.settings.magnification = record.info.settings.focal_length = kUnknown;
+  }
+  addTransforms(record, pose_at, remarks);
+  record.info.registration = registrationOf(record.tf_static);
+  return remarks;
+}
+
+}  // namespace cortshift_tracking

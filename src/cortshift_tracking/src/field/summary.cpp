@@ -1,0 +1,79 @@
+#include "cortshift_tracking/field/summary.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace cortshift_tracking {
+namespace {
+
+/// Welford's running mean and variance.
+class Accumulator {
+ public:
+  void add(double value) {
+    ++count_;
+    const double gap = value - mean_;
+    mean_ += gap / static_cast<double>(count_);
+    squares_ += gap * (value - mean_);
+  }
+  Statistic result() const {
+    if (count_ == 0) return {};
+    return {mean_, count_ == 1 ? 0.0 : std::sqrt(squares_ / static_cast<double>(count_ - 1))};
+  }
+
+ private:
+  std::size_t count_ = 0;
+  double mean_ = 0, squares_ = 0;
+};
+
+std::string millimetres(const Statistic& statistic) {
+  if (std::isnan(statistic.mean)) return "not known";
+  char text[64];
+  std::snprintf(text, sizeof text, "%.2f +- %.2f mm", 1e3 * statistic.mean, 1e3 * statistic.sd);
+  return text;
+}
+
+}  // namespace
+
+Summary summarise(const DisplacementField& field, double overlap, const Eigen::Vector3d& first_normal_pmr,
+                  const std::optional<Eigen::Vector3d>& gravity_pmr) {
+  Summary summary;
+  summary.overlap = overlap;
+  Accumulator magnitude, gravity, normal, lateral;
+  for (int row = 0; row < field.displacement_pmr.rows; ++row)
+    for (int column = 0; column < field.displacement_pmr.cols; ++column) {
+      const cv::Vec3f& v = field.displacement_pmr.at<cv::Vec3f>(row, column);
+      if (std::isnan(v[0])) continue;
+      const Eigen::Vector3d d(v[0], v[1], v[2]);
+      const double along_normal = d.dot(first_normal_pmr);
+      ++summary.valid_points;
+      magnitude.add(d.norm());
+      normal.add(along_normal);
+      lateral.add((d - along_normal * first_normal_pmr).norm());
+      if (gravity_pmr) gravity.add(d.dot(*gravity_pmr));
+    }
+  summary.magnitude = magnitude.result();
+  summary.normal = normal.result();
+  summary.lateral = lateral.result();
+  summary.gravity = gravity.result();
+  if (gravity_pmr) summary.gravity_normal_angle = std::acos(std::clamp(gravity_pmr->dot(first_normal_pmr), -1.0, 1.0));
+  return summary;
+}
+
+std::string toText(const Summary& summary) {
+  char text[256];
+  std::snprintf(text, sizeof text,
+                "%zu points, overlap %.0f %%, computed in %.2f s (projection %.2f, flow %.2f, inversion %.2f)",
+                summary.valid_points, 1e2 * summary.overlap, summary.compute_seconds(), summary.projection_seconds,
+                summary.flow_seconds, summary.inversion_seconds);
+  std::string out = "magnitude " + millimetres(summary.magnitude) + ", along gravity " + millimetres(summary.gravity) +
+                    ", along the normal " + millimetres(summary.normal) + ", lateral " + millimetres(summary.lateral);
+  if (!std::isnan(summary.gravity_normal_angle)) {
+    char angle[64];
+    std::snprintf(angle, sizeof angle, ", gravity to normal %.1f deg", summary.gravity_normal_angle * 180 / M_PI);
+    out += angle;
+  }
+  return out + "; " + text;
+}
+
+}  // namespace cortshift_tracking

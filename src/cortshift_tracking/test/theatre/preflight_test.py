@@ -1,0 +1,170 @@
+"""preflight against a site that is ready, and against every way in which one is not."""
+import datetime
+import os
+import pathlib
+import socket
+import struct
+import subprocess
+import threading
+import time
+
+import pytest
+import yaml
+from cortshift_tracking.theatre import preflight as pf
+
+ROOT = pathlib.Path(__file__).resolve().parents[4]
+NOW = datetime.datetime(2026, 5, 1, tzinfo=datetime.timezone.utc).timestamp()
+
+
+def camera_yaml(date, side, width=320):
+    tx = 0 if side == 'left' else -22.5
+    return (f'# Calibrated {date} from 20 views of a 9x6 board.\nimage_width: {width}\nimage_height: 240\ncamera_name: {side}\n'
+            'distortion_model: plumb_bob\n'
+            'camera_matrix: {rows: 3, cols: 3, data: [900, 0, 160, 0, 900, 120, 0, 0, 1]}\n'
+            'distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n'
+            'rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n'
+            f'projection_matrix: {{rows: 3, cols: 4, data: [900, 0, 160, {tx}, 0, 900, 120, 0, 0, 0, 1, 0]}}\n')
+
+
+class Tracker:
+    """An OpenIGTLink server that sends TRANSFORM messages of two tools."""
+
+    def __init__(self, clock_offset=0.0, devices=('ScopeToReference', 'PatientToReference')):
+        self._server = socket.create_server(('127.0.0.1', 0))
+        self.address = f'127.0.0.1:{self._server.getsockname()[1]}'
+        self._offset, self._devices = clock_offset, devices
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self):
+        while True:
+            try:
+                client, _ = self._server.accept()
+                while True:
+                    for device in self._devices:
+                        stamp = int((time.time() + self._offset) * 2 ** 32)
+                        client.sendall(struct.pack('> H 12s 20s Q Q Q', 1, b'TRANSFORM', device.encode(), stamp, 48, 0) + bytes(48))
+                    time.sleep(0.05)
+            except OSError:
+                if self._server.fileno() < 0:
+                    return
+
+    def stop(self):
+        self._server.close()
+
+
+@pytest.fixture
+def site(tmp_path, monkeypatch):
+    """A site that is ready, but for cameras: source folder."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    for name, text in (('left', camera_yaml('2026-04-20T10:00:00Z', 'left')), ('right', camera_yaml('2026-04-20T10:00:00Z', 'right')),
+                       ('hand_eye', 'date: 2026-04-20T11:00:00Z\ntranslation: [0, 0, 0]\nrotation: [0, 0, 0, 1]\n')):
+        (tmp_path / f'{name}.yaml').write_text(text)
+    tracker = Tracker()
+    yield {'stereo_driver': {'source': 'folder', 'calibration_left': str(tmp_path / 'left.yaml'),
+                             'calibration_right': str(tmp_path / 'right.yaml'), 'hand_eye': str(tmp_path / 'hand_eye.yaml')},
+           'igtl_bridge': {'servers': [tracker.address], 'tools': [{'device': 'ScopeToReference'}]},
+           'shift_tracker': {'case_folder': str(tmp_path / 'case' / 'new')}, 'preflight': {'disk_gb': 0.001}}
+    tracker.stop()
+
+
+def findings(site, level=pf.FAIL):
+    return {f.check: f.text for f in pf.preflight(site, NOW) if f.level == level}
+
+
+def test_a_ready_site(site):
+    assert findings(site) == {}
+    good = findings(site, pf.OK)
+    assert 'baseline 25.00 mm' in good['calibration match']
+    assert '11 days old' in good['calibration_left']
+    assert 'heard' in good['tool ScopeToReference']
+
+
+@pytest.mark.parametrize('date, level', [('2026-01-20T10:00:00Z', pf.WARN), ('2025-01-20T10:00:00Z', pf.FAIL),
+                                         ('2026-06-20T10:00:00Z', pf.FAIL)])
+def test_age_of_the_calibration(site, tmp_path, date, level):
+    for side in ('left', 'right'):
+        (tmp_path / f'{side}.yaml').write_text(camera_yaml(date, side))
+    assert {'calibration_left', 'calibration_right'} <= set(findings(site, level))
+
+
+def test_calibrations_that_do_not_match(site, tmp_path):
+    right = tmp_path / 'right.yaml'
+    right.write_text(camera_yaml('2026-04-20T10:00:00Z', 'right', 640))
+    assert 'left is for (320, 240)' in findings(site)['calibration match']
+    right.write_text(camera_yaml('2026-04-21T10:00:00Z', 'right'))
+    assert 'different dates' in findings(site)['calibration match']
+    right.write_text(camera_yaml('2026-04-20T10:00:00Z', 'left'))  # twice the left one: no baseline
+    assert 'not of one stereo calibration' in findings(site)['calibration match']
+    right.write_text(camera_yaml('2026-04-20T10:00:00Z', 'right'))
+    (tmp_path / 'hand_eye.yaml').write_text('date: 2026-04-19T11:00:00Z\n')
+    assert 'hand_eye is older' in findings(site)['calibration match']
+
+
+def test_calibration_that_is_missing_or_broken(site, tmp_path):
+    (tmp_path / 'left.yaml').write_text('- 1\n')
+    site['stereo_driver']['calibration_right'] = ''
+    found = findings(site)
+    assert 'no dictionary' in found['calibration_left'] and 'set stereo_driver/calibration_right' in found['calibration_right']
+
+
+def test_no_tracker(site):
+    site['igtl_bridge']['servers'] = ['127.0.0.1:9']
+    assert 'start the navigation system' in findings(site)['tracker']
+    site['igtl_bridge'] = {}
+    assert 'no tools' in findings(site)['tracker']
+
+
+def test_tool_that_is_not_heard(site):
+    site['igtl_bridge']['tools'].append({'device': 'Stylus'})
+    assert 'heard: PatientToReference, ScopeToReference' in findings(site, pf.WARN)['tool Stylus']
+
+
+def test_clock_of_the_tracker(site):
+    tracker = Tracker(clock_offset=-2.0)
+    site['igtl_bridge']['servers'] = [tracker.address]
+    assert 'differs from ours by -2.0' in findings(site)['tool ScopeToReference']
+    tracker.stop()
+
+
+def test_no_cameras(site):
+    site['stereo_driver']['source'] = 'none'
+    assert 'source is none' in findings(site)['cameras']
+    site['stereo_driver'].update(source='aravis', aravis={'left': {'device': '127.0.0.1'}})
+    found = findings(site)
+    assert 'does not answer' in found['left camera'] and 'aravis/right/device' in found['right camera']
+
+
+def test_cameras_and_their_size(site):
+    program = next(path for path in (pathlib.Path(folder) / 'lib/cortshift_stereo/fake_gige_camera'
+                                     for folder in os.environ['CMAKE_PREFIX_PATH'].split(':')) if path.exists())
+    with subprocess.Popen([program, '127.0.0.1', 'GV0']) as camera:
+        time.sleep(1)
+        try:
+            site['stereo_driver'].update(source='aravis', aravis={'left': {'device': '127.0.0.1'}})
+            assert '512 x 512 pixels, the calibration is for 320 x 240' in findings(site)['left camera']
+            site['stereo_driver']['aravis']['left']['features'] = ['Width=320', 'Height=240']
+            assert 'answers' in findings(site, pf.OK)['left camera']
+        finally:
+            camera.kill()
+
+
+def test_little_disk_and_folder_that_may_not_be_written(site):
+    site['preflight']['disk_gb'] = 1e9
+    assert 'free some' in findings(site)['case folder']
+    site['shift_tracker']['case_folder'] = '/proc/cortshift'
+    site['preflight']['disk_gb'] = 0.001
+    assert 'case folder' in findings(site)
+
+
+def test_the_script(site, tmp_path):
+    def run(*arguments):
+        return subprocess.run([str(ROOT / 'script/preflight'), *arguments], capture_output=True, text=True)
+    path = tmp_path / 'site.yaml'
+    path.write_text(yaml.safe_dump(site))
+    assert run('--help').returncode == 0 and run('--nothing').returncode == 2
+    shipped = run()  # no hardware in the shipped one
+    assert shipped.returncode == 1 and 'source is none' in shipped.stdout and 'set stereo_driver/calibration_left' in shipped.stdout
+    for text in ('[]', 'preflight: {colour: 1}', 'stereo_driver: 3', '{'):
+        path.write_text(text)
+        refused = run('--site', str(path))
+        assert refused.returncode == 1 and str(path) in refused.stderr, refused

@@ -1,0 +1,198 @@
+#include "cortshift_tracking/trust/trust.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <opencv2/imgproc.hpp>
+
+#include "cortshift_tracking/matching/image_matching.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+cv::Mat fullMask(int columns, int rows) { return cv::Mat(rows, columns, CV_8UC1, cv::Scalar(255)); }
+
+/// A covered projection of random texture.
+Projection textured(cv::Size size, std::uint64_t seed) {
+  Projection projection;
+  projection.resolution = 0.0001;
+  projection.colour.create(size, CV_32FC3);
+  cv::RNG random(seed);
+  random.fill(projection.colour, cv::RNG::UNIFORM, 0.2, 0.8);
+  cv::GaussianBlur(projection.colour, projection.colour, cv::Size(), 1.5);
+  projection.mask = cv::Mat(size, CV_8UC1, cv::Scalar(255));
+  projection.fold = cv::Mat::zeros(size, CV_8UC1);
+  projection.confidence = cv::Mat(size, CV_32FC1, cv::Scalar(1));
+  projection.height = cv::Mat::zeros(size, CV_32FC1);
+  return projection;
+}
+
+TEST(ErodeBorder, TakesTheBorderFromTheOuterBoundary) {
+  const cv::Mat eroded = erodeBorder(fullMask(100, 80), 20, 0);
+  EXPECT_EQ(cv::countNonZero(eroded), 60 * 40);
+  EXPECT_EQ(eroded.at<uchar>(20, 20), 255);
+  EXPECT_EQ(eroded.at<uchar>(19, 20), 0);
+}
+
+TEST(ErodeBorder, LargeHolesGrowAndSmallOnesDoNot) {
+  cv::Mat mask = fullMask(300, 200);
+  cv::circle(mask, {80, 100}, 15, 0, cv::FILLED);  // 3 mm wide
+  cv::circle(mask, {200, 100}, 7, 0, cv::FILLED);  // 1.4 mm wide
+  cv::line(mask, {150, 40}, {150, 160}, 0, 3);     // long but narrow
+  const cv::Mat eroded = erodeBorder(mask, 20, 20);
+  EXPECT_EQ(eroded.at<uchar>(100, 80 + 30), 0);
+  EXPECT_EQ(eroded.at<uchar>(100, 80 + 37), 255);
+  EXPECT_EQ(eroded.at<uchar>(100, 200), 0);  // still a hole
+  EXPECT_EQ(eroded.at<uchar>(100, 200 + 9), 255);
+  EXPECT_EQ(eroded.at<uchar>(100, 150), 0);
+  EXPECT_EQ(eroded.at<uchar>(100, 154), 255);
+}
+
+TEST(ErodeBorder, HolesWithinKeepTheirSizeUnlessAsked) {
+  cv::Mat mask = fullMask(300, 200);
+  cv::circle(mask, {80, 100}, 15, 0, cv::FILLED);
+  const cv::Mat eroded = erodeBorder(mask, 20, 0);
+  EXPECT_EQ(eroded.at<uchar>(100, 80), 0);
+  EXPECT_EQ(eroded.at<uchar>(100, 80 + 17), 255);
+  EXPECT_EQ(eroded.at<uchar>(100, 19), 0);
+}
+
+TEST(ErodeBorder, ABayOpenToTheOutsideGrows) {
+  cv::Mat mask = fullMask(200, 200);
+  cv::rectangle(mask, cv::Rect(95, 0, 10, 100), 0, cv::FILLED);
+  EXPECT_EQ(erodeBorder(mask, 20, 0).at<uchar>(60, 115), 0);
+}
+
+TEST(UsableMask, DropsGlareWithItsMarginAndFolds) {
+  Projection projection = textured({100, 100}, 1);
+  projection.colour.at<cv::Vec3f>(50, 50) = cv::Vec3f(1, 1, 1);
+  projection.colour.at<cv::Vec3f>(20, 20) = cv::Vec3f(0.3F, 0.3F, 1);  // bright red tissue is no highlight
+  projection.fold.at<uchar>(80, 80) = 255;
+  const cv::Mat usable = usableMask(projection);
+  EXPECT_EQ(usable.at<uchar>(50, 54), 0);
+  EXPECT_EQ(usable.at<uchar>(50, 56), 255);
+  EXPECT_EQ(usable.at<uchar>(20, 20), 255);
+  EXPECT_EQ(usable.at<uchar>(80, 80), 0);
+}
+
+TEST(Agreement, FollowsTheCorrelationAndIgnoresLight) {
+  const Projection earlier = textured({160, 80}, 1);
+  cv::Mat later = earlier.colour.clone();
+  textured({80, 80}, 2).colour.copyTo(later(cv::Rect(80, 0, 80, 80)));  // right half: something else
+  for (int row = 0; row < later.rows; ++row)
+    for (int column = 0; column < later.cols; ++column)
+      later.at<cv::Vec3f>(row, column) *= 0.5F + 0.005F * static_cast<float>(row);  // a shadow across
+  cv::Mat bare_earlier = earlier.colour(cv::Rect(0, 0, 40, 80));                    // left quarter: no texture
+  bare_earlier.setTo(cv::Scalar::all(0.5));
+  const cv::Mat flow = cv::Mat::zeros(80, 160, CV_32FC2), all = fullMask(160, 80);
+  const auto seen = [&](const cv::Mat& colour) -> Seen {
+    return {flowImage(colour, all, "luminance", 3.5), colour, all};
+  };
+  const Agreement agreement = agreementOf(seen(earlier.colour), seen(later), flow, earlier.resolution);
+  EXPECT_LT(std::abs(agreement.correlation.at<float>(40, 15)), 0.3F);
+  EXPECT_GT(agreement.correlation.at<float>(40, 60), 0.65F);  // the fine part of this texture is near the noise
+  EXPECT_LT(std::abs(agreement.correlation.at<float>(40, 120)), 0.4F);
+  EXPECT_LT(agreement.residual.at<float>(40, 60), 0.3F * agreement.residual.at<float>(40, 120));
+}
+
+TEST(ProbabilityOfMatch, FallsWithEveryDoubt) {
+  const MatchEvidence sound{5e-6F, 0.95F, 0.005F, 0.02F, 3e-6F};
+  const auto probabilityWith = [&](float MatchEvidence::*doubt, float value) {
+    MatchEvidence evidence = sound;
+    evidence.*doubt = value;
+    return probabilityOfMatch(evidence);
+  };
+  const float best = probabilityOfMatch(sound);
+  EXPECT_GT(best, 0.95);
+  EXPECT_LT(probabilityWith(&MatchEvidence::flow_error, 1e-4F), best);
+  EXPECT_LT(probabilityWith(&MatchEvidence::correlation, 0.5F), best);
+  EXPECT_LT(probabilityWith(&MatchEvidence::residual, 0.05F), best);
+  EXPECT_LT(probabilityWith(&MatchEvidence::hue, 0.3F), best);
+  EXPECT_LT(probabilityWith(&MatchEvidence::bend, 5e-5F), best);
+  EXPECT_EQ(probabilityWith(&MatchEvidence::flow_error, std::numeric_limits<float>::infinity()), 0);
+  EXPECT_LT(probabilityOfMatch({1e-4F, 0.0F, 0.08F, 0.2F, 3e-5F}), 0.15);
+}
+
+TEST(ProbabilityOfHeight, FallsWithEveryDoubt) {
+  const float best = probabilityOfHeight({1e-5F, 0.9F});
+  EXPECT_GT(best, 0.95);
+  EXPECT_LT(probabilityOfHeight({3e-4F, 0.9F}), best);
+  EXPECT_LT(probabilityOfHeight({1e-5F, 0.1F}), best);
+  EXPECT_LT(probabilityOfHeight({1e-3F, 0.05F}), 0.2);
+}
+
+TEST(Agreement, AnInstrumentOfAnotherHueIsSeenAndTheLampsColourIsNot) {
+  const Projection earlier = textured({200, 100}, 1);
+  cv::Mat later;
+  cv::multiply(earlier.colour, cv::Scalar(0.8, 1.0, 1.1), later);  // a warmer lamp
+  cv::Mat metal = later(cv::Rect(150, 0, 50, 100));                // the same pattern, but greener
+  cv::multiply(metal, cv::Scalar(1.0, 1.6, 1.0), metal);
+  const cv::Mat flow = cv::Mat::zeros(100, 200, CV_32FC2), all = fullMask(200, 100);
+  const auto seen = [&](const cv::Mat& colour) -> Seen {
+    return {flowImage(colour, all, "luminance", 3.5), colour, all};
+  };
+  const Agreement agreement = agreementOf(seen(earlier.colour), seen(later), flow, earlier.resolution);
+  EXPECT_LT(agreement.hue.at<float>(50, 60), 0.02F);
+  EXPECT_GT(agreement.hue.at<float>(50, 175), 0.5F);
+}
+
+TEST(CombineConfidence, AFewVectorsAmidWrongOnesAreNotBelieved) {
+  const Projection earlier = textured({300, 300}, 1), other = textured({300, 300}, 2);
+  cv::Mat restless(300, 300, CV_32FC2);  // as a flow is where nothing matches
+  cv::theRNG().state = 1;
+  cv::randn(restless, 0, 1);
+  const auto agreeingIn = [&](int side) {  // the later stage shows something else but for a square in the middle
+    Projection later = other;
+    later.colour = other.colour.clone();
+    const cv::Rect patch(150 - side / 2, 150 - side / 2, side, side);
+    earlier.colour(patch).copyTo(later.colour(patch));
+    cv::Mat flow = restless.clone();
+    flow(patch).setTo(0);
+    const cv::Mat all = fullMask(300, 300), flow_confidence(300, 300, CV_32FC1, cv::Scalar(0.99));
+    return combineConfidence(earlier, later, flow, flow_confidence, all, all).at<float>(150, 150);
+  };
+  EXPECT_EQ(agreeingIn(24), 0);
+  EXPECT_GT(agreeingIn(120), 0.8F);
+}
+
+TEST(CombineConfidence, UnsureSurfacesAndTheBorderOfBothStagesLowerIt) {
+  Projection earlier = textured({200, 200}, 1), later = earlier;
+  later.colour = earlier.colour.clone();
+  later.confidence = earlier.confidence.clone();
+  later.confidence.at<float>(100, 110) = 0.01F;
+  const cv::Mat all = fullMask(200, 200), flow_confidence(200, 200, CV_32FC1, cv::Scalar(0.99));
+  cv::Mat flow = cv::Mat::zeros(200, 200, CV_32FC2);
+  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
+  EXPECT_GT(confidence.at<float>(100, 100), 0.9F);
+  EXPECT_LT(confidence.at<float>(100, 110), confidence.at<float>(100, 100) - 0.01F);
+  EXPECT_EQ(confidence.at<float>(10, 100), 0);      // 1 mm from the border
+  flow.at<cv::Vec2f>(100, 100) = cv::Vec2f(85, 0);  // ends 1.5 mm from the border
+  confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
+  EXPECT_EQ(confidence.at<float>(100, 100), 0);
+}
+
+TEST(Overlap, IsAPartOfTheEarlierArea) {
+  Projection earlier = textured({100, 100}, 1), later = textured({100, 100}, 1);
+  earlier.mask.colRange(0, 20).setTo(0);
+  later.mask.colRange(60, 100).setTo(0);
+  EXPECT_DOUBLE_EQ(overlapOf(earlier, later), 0.5);
+}
+
+TEST(FillHoles, KeepsWhatIsThereAndContinuesItSmoothly) {
+  cv::Mat image(60, 80, CV_32FC3), mask = fullMask(80, 60);
+  for (int row = 0; row < 60; ++row)
+    for (int column = 0; column < 80; ++column)
+      image.at<cv::Vec3f>(row, column) = cv::Vec3f(0.01F * static_cast<float>(column), 0.3F, 0.6F);
+  cv::Mat holed = image.clone();
+  holed(cv::Rect(30, 20, 10, 10)).setTo(cv::Scalar::all(0));
+  mask(cv::Rect(30, 20, 10, 10)).setTo(0);
+  const cv::Mat filled = fillHoles(holed, mask);
+  EXPECT_LT(cv::norm(filled - image, cv::NORM_INF), 0.06);
+  cv::Mat difference = cv::abs(filled - image);
+  difference.setTo(cv::Scalar::all(0), mask == 0);
+  EXPECT_EQ(cv::norm(difference, cv::NORM_INF), 0);
+}
+
+}  // namespace
+}  // namespace cortshift_tracking
