@@ -29,7 +29,7 @@ std::string percent(double part) { return std::to_string(static_cast<int>(100 * 
 void ShiftSettings::validate() const {
   frame.validate();
   projection.validate();
-  registration.validate();
+  matching.validate();
   trust.validate();
   inversion.validate();
   strain.validate();
@@ -37,7 +37,7 @@ void ShiftSettings::validate() const {
 
 void ShiftSettings::setThreads(int threads) {
   projection.threads = threads;
-  registration.flow.threads = threads;
+  matching.flow.threads = threads;
   inversion.threads = threads;
   strain.threads = threads;
 }
@@ -71,8 +71,8 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
     throw TrackingError("the two surfaces do not overlap in the projection; check the registration of both stages");
   const double projection_seconds = watch.lap();
 
-  const cortshift_flow::FlowResult registered = registerProjections(result.earlier, result.later, earlier.usable,
-                                                                    later_usable, settings.registration, prediction);
+  const cortshift_flow::FlowResult registered =
+      matchProjections(result.earlier, result.later, earlier.usable, later_usable, settings.matching, prediction);
   result.flow = registered.flow;
   const double flow_seconds = watch.lap();
 

@@ -185,7 +185,7 @@ TEST_F(Shift, SurfacesThatDoNotMeetAreRefused) {
 
 TEST(ShiftSettings, OutOfRangeValuesAreNamed) {
   ShiftSettings settings;
-  settings.registration.channels = "red";
+  settings.matching.channels = "red";
   try {
     settings.validate();
     FAIL();

@@ -59,7 +59,7 @@ bool parse(int argc, char** argv, Options& out) {
       if (name == "--resolution")
         out.shift.frame.resolution = std::atof(argv[i]);
       else if (name == "--channels")
-        out.shift.registration.channels = argv[i];
+        out.shift.matching.channels = argv[i];
       else if (name == "--threads")
         out.shift.setThreads(std::atoi(argv[i]));
       else if (name == "--repeat")

@@ -21,7 +21,7 @@ namespace cortshift_tracking {
 struct ShiftSettings {
   FrameSettings frame;
   ProjectionSettings projection;
-  RegistrationSettings registration;
+  ImageMatchingSettings matching;
   TrustSettings trust;
   InversionSettings inversion;
   bool with_own_points = false;  ///< fills the result's own points

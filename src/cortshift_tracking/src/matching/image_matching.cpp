@@ -199,7 +199,7 @@ cv::Mat refined(const cv::Mat& flow, cv::Size size, int step) {
 /// The motion from where `guess` leads: the second image is brought near by it, and what remains is measured.
 /// @param domain CV_8UC1: what of the first image may take part, or empty: all
 FlowResult look(const Pair& pair, const cv::Mat& guess, const cv::Mat& domain, bool search,
-                const RegistrationSettings& settings) {
+                const ImageMatchingSettings& settings) {
   cortshift_flow::FlowSettings flow = settings.flow;
   flow.curvature = 16 * pair.resolution * settings.bend;  // a second difference over 4 px [px]
   flow.most_unsure = 1;  // shading makes all of it unsure on a coarse grid, but it remains one smooth surface
@@ -231,7 +231,7 @@ double partOf(const cv::Mat& settled, const Pair& pair) {
 
 }  // namespace
 
-void RegistrationSettings::validate() const {
+void ImageMatchingSettings::validate() const {
   if (channels != "auto" && channels != "rgb" && channels != "green" && channels != "blue" && channels != "luminance")
     throw TrackingError("channels = '" + channels + "' is not allowed; allowed is auto, rgb, green, blue or luminance");
   requireRange("detail", detail, 0.5, 100.0);
@@ -245,7 +245,7 @@ void RegistrationSettings::validate() const {
 cv::Mat predictionOf(const cv::Mat& flow, const cv::Mat& confidence) { return continued(flow, confidence >= kSettled); }
 
 std::string chooseChannels(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
-                           const cv::Mat& later_usable, const RegistrationSettings& settings) {
+                           const cv::Mat& later_usable, const ImageMatchingSettings& settings) {
   int step = std::max(1, static_cast<int>(std::lround(kQuickResolution / earlier.resolution)));
   if (!largeEnough(earlier.mask.size(), step)) step = 1;
   std::string best = "rgb";
@@ -260,9 +260,9 @@ std::string chooseChannels(const Projection& earlier, const Projection& later, c
   return best;
 }
 
-FlowResult registerProjections(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
-                               const cv::Mat& later_usable, const RegistrationSettings& settings,
-                               const cv::Mat& prediction) {
+FlowResult matchProjections(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
+                            const cv::Mat& later_usable, const ImageMatchingSettings& settings,
+                            const cv::Mat& prediction) {
   settings.validate();
   std::string channels = settings.channels == "auto" ? "rgb" : settings.channels;
   const auto pairAt = [&](int step) {

@@ -24,12 +24,12 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   reader.number("margin", s.frame.margin, 0.0, 0.02);
   reader.number("max_edge_ratio", s.projection.max_edge_ratio, 2.0, 50.0);
   reader.number("fold_tolerance", s.projection.fold_tolerance, 0.0, 0.01);
-  reader.choice("channels", s.registration.channels, {"auto", "rgb", "green", "blue", "luminance"});
-  reader.number("detail", s.registration.detail, 0.5, 100.0);
-  reader.number("bend", s.registration.bend, 0.01, 1000.0);
-  reader.number("search", s.registration.search, 0.001, 0.05);
-  reader.number("coarse_resolution", s.registration.coarse_resolution, 0.00005, 0.002);
-  reader.number("coarse_rounds", s.registration.coarse_rounds, 0, 10);
+  reader.choice("channels", s.matching.channels, {"auto", "rgb", "green", "blue", "luminance"});
+  reader.number("detail", s.matching.detail, 0.5, 100.0);
+  reader.number("bend", s.matching.bend, 0.01, 1000.0);
+  reader.number("search", s.matching.search, 0.001, 0.05);
+  reader.number("coarse_resolution", s.matching.coarse_resolution, 0.00005, 0.002);
+  reader.number("coarse_rounds", s.matching.coarse_rounds, 0, 10);
   std::string inversion = "linear";
   reader.choice("inversion", inversion, {"linear", "nearest"});
   s.inversion.interpolation = inversion == "linear" ? Interpolation::kLinear : Interpolation::kNearest;

@@ -158,7 +158,7 @@ cv::Mat combineConfidence(const Projection& earlier, const Projection& later, co
   const cv::Mat map = flowTargets(flow);
   const cv::Mat allowed = inner(earlier) & earlier_usable & sample(inner(later) & later_usable, map, cv::INTER_NEAREST);
   const auto seen = [](const Projection& projection, const cv::Mat& usable) -> Seen {
-    return {flowImage(projection.colour, usable, "luminance", RegistrationSettings().detail), projection.colour,
+    return {flowImage(projection.colour, usable, "luminance", ImageMatchingSettings().detail), projection.colour,
             usable};
   };
   const Agreement agreement = agreementOf(seen(earlier, earlier_usable), seen(later, later_usable), flow,

@@ -9,7 +9,7 @@
 
 namespace cortshift_tracking {
 
-struct RegistrationSettings {
+struct ImageMatchingSettings {
   /// What the flow sees: rgb, green, blue or luminance (paper, Discussion: bleeding), or auto: see chooseChannels.
   std::string channels = "auto";
   /// Standard deviation of the window whose mean brightness is divided out [grid units], 0.5 ... 100.
@@ -29,21 +29,20 @@ struct RegistrationSettings {
 /// the tissue's own pattern.
 /// @param colour CV_32FC3
 /// @param usable CV_8UC1: what counts; the rest is continued from its surroundings
-/// @param channels any of RegistrationSettings::channels but auto
+/// @param channels any of ImageMatchingSettings::channels but auto
 /// @return CV_32F with one or three channels, 0...1, about 0.5 on average
 cv::Mat flowImage(const cv::Mat& colour, const cv::Mat& usable, const std::string& channels, double detail);
 
 /// The channels that most of the overlap can be followed in: a quick flow in each decides; rgb where none is better.
 std::string chooseChannels(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
-                           const cv::Mat& later_usable, const RegistrationSettings& settings = {});
+                           const cv::Mat& later_usable, const ImageMatchingSettings& settings = {});
 
 /// Flow [grid units] from the earlier to the later projection.
 /// @param earlier_usable, later_usable CV_8UC1: 0 where the image must not count (holes, folds, glare, exclusions)
 /// @param prediction CV_32FC2 [grid units], for instance of the moment before, to start from; or empty
-cortshift_flow::FlowResult registerProjections(const Projection& earlier, const Projection& later,
-                                               const cv::Mat& earlier_usable, const cv::Mat& later_usable,
-                                               const RegistrationSettings& settings = {},
-                                               const cv::Mat& prediction = {});
+cortshift_flow::FlowResult matchProjections(const Projection& earlier, const Projection& later,
+                                            const cv::Mat& earlier_usable, const cv::Mat& later_usable,
+                                            const ImageMatchingSettings& settings = {}, const cv::Mat& prediction = {});
 
 /// The sure vectors of a flow, continued smoothly over all others: what a next look can start from.
 /// @param confidence CV_32FC1 0...1, see combineConfidence

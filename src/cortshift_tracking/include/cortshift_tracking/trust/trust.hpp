@@ -19,7 +19,7 @@ struct TrustSettings {
   void validate() const;
 };
 
-/// CV_8UC1 255 where a projection may take part in the registration: covered once, no highlight.
+/// CV_8UC1 255 where a projection may take part in matching: covered once, no highlight.
 cv::Mat usableMask(const Projection& projection, const TrustSettings& settings = {});
 
 /// CV_8UC1 255 further than `border` [grid units] inside the mask's outer boundary, and further than `hole_border` from
@@ -33,7 +33,7 @@ double overlapOf(const Projection& earlier, const Projection& later);
 /// Everything that speaks about trust in one number: CV_32FC1 0...1 over the earlier image, the probability that a
 /// vector is right to 0.25 mm: probabilityOfMatch times probabilityOfHeight; 0 where the start or the end of a vector
 /// is not usable or too near to the border, and in patches smaller than four windows in which the images are compared.
-/// @param flow_confidence CV_32FC1 0...1, of the registration
+/// @param flow_confidence CV_32FC1 0...1, of the image matching
 cv::Mat combineConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
                           const cv::Mat& flow_confidence, const cv::Mat& earlier_usable, const cv::Mat& later_usable,
                           const TrustSettings& settings = {});
