@@ -9,7 +9,7 @@
 #include <set>
 
 #include "cortshift_stereo/admission/pair_synchroniser.hpp"
-#include "cortshift_stereo/ros/settings_history.hpp"
+#include "cortshift_stereo/ros/stamped_history.hpp"
 #include "cortshift_tracking/case/patient_registration.hpp"
 
 namespace cortshift_tracking {
@@ -172,13 +172,17 @@ PairMessages CaseRecording::known(const PairPlace& pair) const {
 }
 
 sensor_msgs::CameraInfoConstPtr CaseRecording::infoOf(const std::string& topic, const PairPlace& pair) const {
-  for (const BagEntry& entry :
-       bag_.entries({topic}, shifted(pair.arrival, -kInfoReach), shifted(pair.arrival, kInfoReach)))
+  std::vector<BagEntry> near =
+      bag_.entries({topic}, shifted(pair.arrival, -kInfoReach), shifted(pair.arrival, kInfoReach));
+  for (const BagEntry& entry : near)
     if (bag_.stampOf(entry) == pair.stamp) return bag_.read<sensor_msgs::CameraInfo>(entry);
+  // None of this very exposure: the one in force, as in the node.
   const auto before = bag_.lastBefore(topic, pair.arrival);
-  if (!before.empty()) return bag_.read<sensor_msgs::CameraInfo>(before.front());
-  const auto after = bag_.entries({topic}, pair.arrival, shifted(pair.arrival, parameters_.calibration_timeout));
-  return after.empty() ? nullptr : bag_.read<sensor_msgs::CameraInfo>(after.front());
+  if (!before.empty() && (near.empty() || before.front() < near.front())) near.insert(near.begin(), before.front());
+  if (near.empty()) near = bag_.entries({topic}, pair.arrival, shifted(pair.arrival, parameters_.calibration_timeout));
+  cortshift_stereo::StampedHistory<sensor_msgs::CameraInfo> history;
+  for (const BagEntry& entry : near) history.add(bag_.read<sensor_msgs::CameraInfo>(entry));
+  return history.at(pair.stamp);
 }
 
 cortshift_msgs::MicroscopeSettingsConstPtr CaseRecording::settingsOf(const ros::Time& stamp,
@@ -186,7 +190,7 @@ cortshift_msgs::MicroscopeSettingsConstPtr CaseRecording::settingsOf(const ros::
   constexpr std::size_t kChanges = 16;  // reported late or out of order
   std::vector<BagEntry> entries = bag_.lastBefore(kSettings, arrival, kChanges);
   std::sort(entries.begin(), entries.end());
-  cortshift_stereo::SettingsHistory history;
+  cortshift_stereo::StampedHistory<cortshift_msgs::MicroscopeSettings> history;
   for (const BagEntry& entry : entries) history.add(bag_.read<cortshift_msgs::MicroscopeSettings>(entry));
   return history.at(stamp);
 }

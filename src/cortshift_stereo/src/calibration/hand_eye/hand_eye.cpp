@@ -10,9 +10,13 @@
 #include "calibration/least_squares.hpp"
 #include "calibration/outliers.hpp"
 #include "calibration/rigid.hpp"
+#include "cortshift_flow/range.hpp"
+#include "cortshift_flow/text.hpp"
 
 namespace cortshift_stereo {
 namespace {
+
+using cortshift_flow::shortNumber;
 
 struct Method {
   const char* name;
@@ -40,12 +44,6 @@ struct LocatedView {
   cv::Affine3d T_left_board;
   double fit_px = 0;
 };
-
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
 
 LocatedView locate(const CameraModel& left, const std::vector<cv::Point3d>& board, const HandEyeView& view) {
   if (view.corners.size() != board.size())
@@ -189,8 +187,8 @@ bool rejectWorstPose(const std::vector<cv::Point3d>& board, std::vector<LocatedV
   values[suspect] = suspect_distance;
   if (!findOutlier(values, kGrossFloor, kGrossTimes)) return false;
   reject(views, suspect,
-         "its tracked pose puts the board " + number(suspect_distance * 1e3) +
-             " mm from where the other views have it (" + number(typical_distance * 1e3) +
+         "its tracked pose puts the board " + shortNumber(suspect_distance * 1e3) +
+             " mm from where the other views have it (" + shortNumber(typical_distance * 1e3) +
              " mm is typical); did the tracker lose the microscope, or the board move?",
          rejected);
   return true;
@@ -208,7 +206,8 @@ std::vector<LocatedView> screen(const CameraModel& left, const std::vector<cv::P
   requireEnough(used, rejected);
   while (const auto worst = findOutlier(fits, kOutlierFloorPx)) {
     reject(used, *worst,
-           "the board fits its corners only to " + number(fits[*worst]) + " px; blurred or partly hidden?", rejected);
+           "the board fits its corners only to " + shortNumber(fits[*worst]) + " px; blurred or partly hidden?",
+           rejected);
     fits.erase(fits.begin() + static_cast<std::ptrdiff_t>(*worst));
   }
   while (rejectWorstPose(board, used, rejected)) continue;
@@ -347,24 +346,18 @@ void compareMethods(HandEyeCalibration& result) {
 
 void requireRotation(const cv::Vec3d& diversity) {
   if (diversity[1] >= kLeastRotationDiversity) return;
-  throw CalibrationError("the microscope was turned by only " + number(diversity[1] * kDegrees) +
-                         " degrees RMS about a second axis (" + number(diversity[0] * kDegrees) +
-                         " about the first); at least " + number(kLeastRotationDiversity * kDegrees) +
+  throw CalibrationError("the microscope was turned by only " + shortNumber(diversity[1] * kDegrees) +
+                         " degrees RMS about a second axis (" + shortNumber(diversity[0] * kDegrees) +
+                         " about the first); at least " + shortNumber(kLeastRotationDiversity * kDegrees) +
                          " are needed: add views turned about other axes");
-}
-
-void requireRange(double value, const char* name, double low, double high, const char* unit) {
-  if (!(value >= low && value <= high))
-    throw CalibrationError(std::string(name) + " is " + number(value) + " " + unit + "; allowed is " + number(low) +
-                           " to " + number(high) + " " + unit);
 }
 
 }  // namespace
 
 void HandEyeSettings::validate() const {
-  requireRange(tracker_position_sd, "tracker_position_sd", 1e-6, 0.02, "m");
-  requireRange(tracker_rotation_sd, "tracker_rotation_sd", 1e-6, 0.1, "rad");
-  requireRange(corner_sd, "corner_sd", 1e-3, 10, "px");
+  cortshift_flow::requireRange<CalibrationError>("tracker_position_sd [m]", tracker_position_sd, 1e-6, 0.02);
+  cortshift_flow::requireRange<CalibrationError>("tracker_rotation_sd [rad]", tracker_rotation_sd, 1e-6, 0.1);
+  cortshift_flow::requireRange<CalibrationError>("corner_sd [px]", corner_sd, 1e-3, 10.0);
 }
 
 HandEyeCalibration calibrateHandEye(const CameraModel& left, const Board& board, const std::vector<HandEyeView>& views,
@@ -397,13 +390,13 @@ HandEyeCalibration calibrateHandEye(const CameraModel& left, const Board& board,
     if (worst) {
       const auto& own = refined.solution.own[*worst];
       reject(used, *worst,
-             "its image asks for a pose " + number(own.tail(3).norm() * 1e3) + " mm and " +
-                 number(own.head(3).norm() * kDegrees) +
+             "its image asks for a pose " + shortNumber(own.tail(3).norm() * 1e3) + " mm and " +
+                 shortNumber(own.head(3).norm() * kDegrees) +
                  " degrees from the tracked one; did the microscope still move?",
              result.rejected);
     } else if (!refined.solution.converged || !(std::sqrt(meanSquare(corrections)) <= kLargestMisfit)) {
       throw CalibrationError(kNotTogether +
-                             (" (they would have to be off by " + number(std::sqrt(meanSquare(corrections))) +
+                             (" (they would have to be off by " + shortNumber(std::sqrt(meanSquare(corrections))) +
                               " times the tracker's accuracy)"));
     }
   }

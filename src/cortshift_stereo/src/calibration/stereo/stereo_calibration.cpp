@@ -2,15 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <opencv2/calib3d.hpp>
 
 #include "calibration/least_squares.hpp"
 #include "calibration/outliers.hpp"
+#include "cortshift_flow/text.hpp"
 
 namespace cortshift_stereo {
 namespace {
+
+using cortshift_flow::formatted;
 
 struct Candidate {
   const char* name;
@@ -29,12 +31,6 @@ constexpr double kOutlierFloorPose = 0.05;  // of the relative pose: radians, an
 constexpr double kLargestFocalDeviation = 0.02;
 constexpr double kLeastTilt = 8 * CV_PI / 180;
 const cv::TermCriteria kUntilSettled(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 60, 1e-9);
-
-std::string text(const char* format, double first, double second = 0) {
-  char line[160];
-  std::snprintf(line, sizeof line, format, first, second);
-  return line;
-}
 
 /// Point lists as OpenCV's calibration wants them.
 struct PointLists {
@@ -258,7 +254,7 @@ class Screening {
     const PointLists points(board_, pairs_);
     const auto errors = calibrateOne(points.board, points.*seen, size_, kCandidates[0].flags).view_rms;
     return rejectWorst(errors, kOutlierFloorPx, [&](double error, double typical) {
-      return side + " corners are off by " + text("%.2f px RMS where %.2f px is typical", error, typical) +
+      return side + " corners are off by " + formatted("%.2f px RMS where %.2f px is typical", error, typical) +
              "; is the image blurred, or the board bent or partly hidden?";
     });
   }
@@ -295,7 +291,7 @@ class Screening {
     for (const auto& pair : pairs_)
       errors.push_back(rmsDistance(reprojection(parameters, points, pair, fitBoardPose(parameters, points, pair))));
     return rejectWorst(errors, kOutlierFloorPx, [](double error, double typical) {
-      return text("reprojection error is %.2f px RMS where %.2f px is typical", error, typical) +
+      return formatted("reprojection error is %.2f px RMS where %.2f px is typical", error, typical) +
              "; did the board move between the two images?";
     });
   }
@@ -318,10 +314,10 @@ class Screening {
     for (const auto* camera : {&left, &right}) {
       const double tilt = rmsTilt(*camera);
       if (!(tilt >= kLeastTilt) || !(camera->focal_deviation <= kLargestFocalDeviation))
-        throw CalibrationError(
-            "the boards are too parallel to the image to determine the focal length: " +
-            text("tilted by %.1f degrees RMS, at least %.0f are needed", tilt * 180 / CV_PI, kLeastTilt * 180 / CV_PI) +
-            "; take views tilted by 20 to 40 degrees in all directions");
+        throw CalibrationError("the boards are too parallel to the image to determine the focal length: " +
+                               formatted("tilted by %.1f degrees RMS, at least %.0f are needed", tilt * 180 / CV_PI,
+                                         kLeastTilt * 180 / CV_PI) +
+                               "; take views tilted by 20 to 40 degrees in all directions");
     }
   }
 
@@ -359,7 +355,7 @@ SetErrors crossValidate(const Board& board, const std::vector<BoardPair>& pairs,
 StereoModel rectify(const StereoParameters& parameters) {
   const cv::Vec3d& t = parameters.t_right_left;
   if (!(t[0] < 0) || std::abs(t[1]) > std::abs(t[0]))
-    throw CalibrationError("the right camera is at " + text("x = %.4f m, y = %.4f m", -t[0], -t[1]) +
+    throw CalibrationError("the right camera is at " + formatted("x = %.4f m, y = %.4f m", -t[0], -t[1]) +
                            " seen from the left one; it must be to the right of it: are left and right swapped, or the "
                            "images rotated?");
   cv::Matx33d R_left, R_right;
@@ -392,7 +388,7 @@ StereoCalibration calibrateStereo(const Board& board, const cv::Size& size, cons
   if (!(calibration.focal_deviation <= kLargestFocalDeviation))
     throw CalibrationError(
         "the views determine a focal length only to " +
-        text("%.1f %% (limit %.0f %%)", 100 * calibration.focal_deviation, 100 * kLargestFocalDeviation) +
+        formatted("%.1f %% (limit %.0f %%)", 100 * calibration.focal_deviation, 100 * kLargestFocalDeviation) +
         "; the boards are too parallel: take views tilted by 20 to 40 degrees in all directions");
 
   const StereoParameters start = screening.start();

@@ -8,7 +8,7 @@
 
 #include "cortshift_stereo/ros/pair_reconstruction.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
-#include "cortshift_tracking/offline/bag_file.hpp"
+#include "cortshift_tracking/offline/bag/bag_file.hpp"
 
 namespace cortshift_tracking {
 
