@@ -289,7 +289,7 @@ def unreached_tests(root, build):
 
 # Folders of one machine or one person. Those that every Debian has (/usr, /etc, /tmp, ...) may be named.
 PRIVATE = re.compile(r'(?<![\w.$}~-])/(?:home|root|Users|work|mnt|media|srv)(?=/|\b)(?![\w.-]*\.)')
-UPWARDS = re.compile(r'(?:\.\./)*\.\.(?=[/"\'\s)]|$)')
+UPWARDS = re.compile(r'(?<![.\w])(?:\.\./)+(?:\.\.)?|(?<=/)\.\.(?=["\'\s)]|$)')
 
 
 def paths_outside(root):
