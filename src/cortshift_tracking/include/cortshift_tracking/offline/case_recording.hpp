@@ -19,10 +19,6 @@ struct PairPlace {
   BagEntry left, right;
 };
 
-/// Transforms of a YAML file as `publish_static_tf` reads it: a list of {parent, child, translation: [x, y, z] in
-/// metres, rotation: [x, y, z, w]}. @throws TrackingError naming the entry and what is wrong with it
-std::vector<geometry_msgs::TransformStamped> readStaticTransforms(const std::string& path);
-
 /// Finds by the index and reads only what is asked for. Not synchronised.
 class CaseRecording {
  public:
