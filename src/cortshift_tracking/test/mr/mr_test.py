@@ -91,6 +91,24 @@ def test_units_of_the_header_count(tmp_path):
     assert np.allclose(a.T_pmr_voxel, b.T_pmr_voxel, atol=1e-8)
 
 
+@pytest.mark.parametrize('unit, per_mm', [('meter', 1e-3), ('micron', 1e3)])
+def test_forms_are_compared_in_the_unit_of_the_header(tmp_path, unit, per_mm):
+    path = tmp_path / 'a.nii'
+    for apart_mm in (50.0, 0.0005):
+        sform, qform = OBLIQUE.copy(), OBLIQUE.copy()
+        qform[0, 3] += apart_mm
+        image = nibabel.Nifti1Image(landmark_array(), None)
+        image.header.set_xyzt_units(unit)
+        image.set_sform(np.diag([per_mm] * 3 + [1]) @ sform, code=1)
+        image.set_qform(np.diag([per_mm] * 3 + [1]) @ qform, code=1)
+        nibabel.save(image, path)
+        if apart_mm > 1:
+            with pytest.raises(VolumeError, match='place voxels up to 50.0 mm apart'):
+                load_volume(str(path))
+        else:
+            assert np.allclose(load_volume(str(path)).spacing, [0.0009, 0.0011, 0.0017], atol=1e-6)
+
+
 def test_round_trip_of_points_and_files(tmp_path):
     volume = load_nifti(nifti(tmp_path / 'a.nii', OBLIQUE), axes='LPS')
     voxels = np.random.default_rng(1).uniform(0, 19, (50, 3))

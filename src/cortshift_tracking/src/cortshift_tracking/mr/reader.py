@@ -59,15 +59,15 @@ def load_nifti(path, axes='RAS', form=None):
         raise VolumeError(f'{path}: shape {shape} is not a 3D volume; export one 3D volume')
     if header.get_data_dtype().names or header.get_data_dtype().kind == 'c':
         raise VolumeError(f'{path}: voxels of type {header.get_data_dtype()} are not intensities; export grey values')
-    affine, notes = _nifti_affine(path, header, form)
-    scale, unit_note = _nifti_unit(path, header, affine, shape)
+    forms = _nifti_forms(path, header)
+    scale, unit_note = _nifti_unit(path, header, forms, shape)
+    affine, notes = _nifti_affine(path, header, forms, scale, form)
     try:
         data = np.asarray(image.dataobj, np.float32).reshape(shape[:3])
     except (OSError, EOFError, ValueError, zlib.error, gzip.BadGzipFile) as error:
         raise VolumeError(f'{path}: voxel data are incomplete or damaged ({error}); copy or export it again') from error
     if not np.isfinite(data).any():
         raise VolumeError(f'{path}: holds no finite voxel; export it again')
-    affine[:3] *= scale
     return Volume(np.nan_to_num(data, nan=0.0, posinf=0.0, neginf=0.0), AXES_FROM_RAS[_known(axes)] @ affine, axes, str(path),
                   tuple(notes + unit_note))
 
@@ -78,8 +78,8 @@ def _known(axes):
     return axes
 
 
-def _nifti_affine(path, header, form):
-    """The header's voxel-to-RAS matrix in its own unit, and notes."""
+def _nifti_forms(path, header):
+    """The header's voxel-to-RAS matrices by name, in its own unit; at least one."""
     forms = {}
     if header['sform_code'] > 0:
         forms['sform'] = header.get_sform()
@@ -88,33 +88,39 @@ def _nifti_affine(path, header, form):
             forms['qform'] = header.get_qform()
         except (nibabel.spatialimages.HeaderDataError, ValueError) as error:
             raise VolumeError(f'{path}: the qform quaternion is not a rotation ({error}); export it again') from error
+    if not forms:
+        raise VolumeError(f'{path}: qform_code and sform_code are 0, so the header does not say where the voxels lie; export '
+                          'it again with scanner coordinates')
+    return forms
+
+
+def _nifti_affine(path, header, forms, scale, form):
+    """Voxel to RAS [m], and notes. scale: metres per unit of the header."""
+    forms = {name: np.diag([scale, scale, scale, 1]) @ matrix for name, matrix in forms.items()}
     if form is not None:
         if form not in ('sform', 'qform'):
             raise VolumeError(f'form "{form}" is not known; use sform or qform')
         if form not in forms:
-            raise VolumeError(f'{path}: the header has no {form}; it has {" and ".join(forms) or "neither form"}')
-        return np.array(forms[form]), [f'orientation from the {form}, as asked']
-    if not forms:
-        raise VolumeError(f'{path}: qform_code and sform_code are 0, so the header does not say where the voxels lie; export '
-                          'it again with scanner coordinates')
+            raise VolumeError(f'{path}: the header has no {form}; it has {" and ".join(forms)}')
+        return forms[form], [f'orientation from the {form}, as asked']
     if len(forms) == 2:
         shape = header.get_data_shape()[:3]
         corners = np.array([[i, j, k, 1] for i in (0, shape[0]) for j in (0, shape[1]) for k in (0, shape[2])], float)
-        apart = np.linalg.norm((corners @ (forms['sform'] - forms['qform']).T)[:, :3], axis=1).max() * 0.001
+        apart = np.linalg.norm((corners @ (forms['sform'] - forms['qform']).T)[:, :3], axis=1).max()
         if not apart <= FORM_TOLERANCE:
             raise VolumeError(f'{path}: sform (code {int(header["sform_code"])}) and qform (code {int(header["qform_code"])}) '
                               f'place voxels up to {apart * 1000:.1f} mm apart; say which one the patient registration '
                               'used (form: sform or qform)')
     name = 'sform' if 'sform' in forms else 'qform'
-    return np.array(forms[name]), [f'orientation from the {name} (code {int(header[name + "_code"])})']
+    return forms[name], [f'orientation from the {name} (code {int(header[name + "_code"])})']
 
 
-def _nifti_unit(path, header, affine, shape):
+def _nifti_unit(path, header, forms, shape):
     """Metres per header unit. Many real headers leave the unit out; millimetres are then taken if a head would fit."""
     unit = header.get_xyzt_units()[0]
     if unit in NIFTI_UNITS:
         return NIFTI_UNITS[unit], []
-    extent = (np.linalg.norm(affine[:3, :3], axis=0) * np.array(shape[:3])).max() * 0.001
+    extent = max((np.linalg.norm(matrix[:3, :3], axis=0) * np.array(shape[:3])).max() for matrix in forms.values()) * 0.001
     if not EXTENT_RANGE[0] <= extent <= EXTENT_RANGE[1]:
         raise VolumeError(f'{path}: the header names no unit of length, and as millimetres the volume would be '
                           f'{extent * 1000:.4g} mm long; set xyzt_units')
