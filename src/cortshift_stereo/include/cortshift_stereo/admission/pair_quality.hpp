@@ -1,24 +1,13 @@
-// Checks at the door: pairs that cannot give a surface are refused with a reason a person can act on.
+// Checks before reconstruction: pairs that cannot give a surface are refused with a reason a person can act on.
 #pragma once
 
 #include <opencv2/core.hpp>
-#include <stdexcept>
 #include <string>
 
+#include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_stereo/rectification/rectifier.hpp"
 
 namespace cortshift_stereo {
-
-/// A pair that is not reconstructed. `reason` is a short fixed word for counting; what() says what is wrong and what
-/// to do about it.
-class PairError : public std::runtime_error {
- public:
-  PairError(const std::string& reason, const std::string& message) : std::runtime_error(message), reason_(reason) {}
-  const std::string& reason() const { return reason_; }
-
- private:
-  std::string reason_;
-};
 
 /// Limits of the checks. Each default is written here and nowhere else.
 struct PairLimits {
@@ -40,11 +29,11 @@ struct ImageQuality {
 /// @param image  CV_8UC3
 ImageQuality measureImage(const cv::Mat& image);
 
-/// @throws PairError blank, saturated or defocused, naming the side
-void checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side);
+/// Blank, saturated or defocused, naming the side.
+Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side);
 
 /// Vertical misalignment of corners matched in two dimensions. A swapped or mismatched pair, or a camera that has
-/// moved since its calibration, shows here although rows still match each other somehow.
+/// moved since its calibration, is detected here, although matching along the rows would still find something.
 struct EpipolarResidual {
   int matched = 0;               ///< corners found in both images
   double offset = 0;             ///< [px] median y_right - y_left
