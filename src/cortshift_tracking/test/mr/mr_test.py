@@ -8,7 +8,10 @@ import numpy as np
 import pydicom
 import pytest
 from cortshift_tracking.errors import VolumeError
-from cortshift_tracking.mr.reader import load_dicom, load_nifti, load_volume, save_nifti
+from cortshift_tracking.mr import load_volume
+from cortshift_tracking.mr.dicom import load_dicom
+from cortshift_tracking.mr.nifti import load_nifti
+from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
 
 CH2 = '/usr/share/mricron/templates/ch2.nii.gz'     # Debian's mricron-data: a real T1 of one head
@@ -150,11 +153,11 @@ def test_dicom_series_lies_where_the_same_nifti_lies(tmp_path):
 # ---- real files
 
 def test_real_head_from_nifti():
-    volume = load_volume(CH2)
+    volume = load_volume(CH2, template_space=True)
     assert volume.data.shape == (181, 217, 181) and volume.orientation == 'RAS'
     assert np.allclose(volume.spacing, 0.001)
     assert any('no unit' in note for note in volume.notes)
-    labels = load_volume(AAL)
+    labels = load_volume(AAL, template_space=True)
     right_amygdala, left_amygdala = labels.data == 42, labels.data == 41
     centre = [labels.to_pmr(np.argwhere(mask)).mean(0) for mask in (right_amygdala, left_amygdala)]
     assert centre[0][0] > 0.015 and centre[1][0] < -0.015      # RAS: right is +x
@@ -213,7 +216,7 @@ def test_disagreeing_forms_are_refused_until_one_is_named(tmp_path):
     image.header.set_xyzt_units('mm')
     moved = OBLIQUE.copy()
     moved[0, 3] += 3
-    image.set_sform(moved, code=4)
+    image.set_sform(moved, code=2)
     image.set_qform(OBLIQUE, code=1)
     nibabel.save(image, path)
     with pytest.raises(VolumeError, match='3.0 mm apart'):

@@ -3,8 +3,8 @@ import os
 
 from cortshift_tracking.case.folder import read_case
 from cortshift_tracking.durable import write_durably
-from cortshift_tracking.errors import CaseError
-from cortshift_tracking.mr.reader import load_volume
+from cortshift_tracking.errors import CaseError, VolumeError
+from cortshift_tracking.mr.admission import admit_mr
 from cortshift_tracking.report import picks as picked
 from cortshift_tracking.report import sections
 from cortshift_tracking.report.page import page, table, warning_box
@@ -20,16 +20,16 @@ NOTE_2 = ('Accuracy: digitised point to its homologous point on the surface (nee
           'components.')
 
 
-def make_report(folder, mr=None, axes='RAS', title=None):
+def make_report(folder, mr=None, title=None, mr_may_fail=False):
     """HTML text and {file name: CSV text} of a case folder.
 
-    mr: path of the preoperative MR, or None. axes: what pmr's axes point to.
+    mr: MrSource, or None. mr_may_fail: it was not asked for, so that the report is made without it where it cannot be used.
     What cannot be read of the folder is left out and named in the report. Raises CaseError where nothing is left, VolumeError
     where the MR cannot be used.
     """
     case = read_case(folder)
-    volume = None if mr is None else load_volume(mr, axes)
     left_out = []
+    volume = _volume(case, mr, left_out if mr_may_fail else None)
     second, third = table_2(case, _picks(folder, left_out), left_out), table_3(case)
     title = title or os.path.basename(os.path.abspath(folder))
     parts = [sections.head(case, title), warning_box(warnings_of(case, left_out)), sections.calibration(case),
@@ -38,11 +38,23 @@ def make_report(folder, mr=None, axes='RAS', title=None):
         parts.append(table('Probe against surface and field (Table 2 of the paper)', TABLE_2_HEADER, second, NOTE_2, transpose=True))
     else:
         parts.append('<h2>Probe against surface and field</h2><p>No label was digitised at both stages of a pair.</p>')
-    parts.append(sections.slices(case, volume))
+    parts.append(sections.slices(case, volume, *left_out[:1] if mr and not volume else ()))
     parts += [sections.pair(case, field) for field in case.fields]
     if not case.fields:
         parts.append('<h2>Fields</h2><p>No displacement field was computed.</p>')
     return page(title, parts), {'table_2.csv': to_csv(TABLE_2_HEADER, second), 'table_3.csv': to_csv(TABLE_3_HEADER, third)}
+
+
+def _volume(case, mr, left_out):
+    if mr is None:
+        return None
+    try:
+        return admit_mr(mr, [(stage.key, stage.points) for stage in case.stages])
+    except VolumeError as error:
+        if left_out is None:
+            raise
+        left_out.append(str(error))
+        return None
 
 
 def _picks(folder, left_out):

@@ -63,11 +63,11 @@ def timeline(case):
             f'<th>probe points</th><th>note</th></tr>{rows}</table>')
 
 
-def slices(case, volume):
-    """The surfaces in the preoperative MR; volume: None without one. Raises VolumeError where they do not lie in it."""
+def slices(case, volume, why_none='No MR was given (--mr).'):
+    """The surfaces in the preoperative MR, as it was admitted for them; None without one."""
     title = '<h2>Surfaces in the preoperative MR</h2>'
     if volume is None:
-        return f'{title}<p>No MR was given (--mr).</p>'
+        return f'{title}<p>{text(why_none)}</p>'
     shown = draw_slices(volume, [(s.key, s.points[::2, ::2], s.confidence[::2, ::2]) for s in case.stages])
     return (f'{title}{picture(shown, "cross-sections of every stage on MR slices")}'
             f'<p class="small">{text(os.path.basename(volume.source))}: voxels {text(volume.orientation)}, '
