@@ -51,4 +51,10 @@ Eigen::Isometry3d PoseLookup::lookup(const std::string& target, const std::strin
   }
 }
 
+Findings PoseLookup::judge(const std::string& target, const std::string& source, const ros::Time& stamp,
+                           const PoseLimits& limits) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return judgePoses(tree_, target, source, stamp, limits);
+}
+
 }  // namespace cortshift_stereo

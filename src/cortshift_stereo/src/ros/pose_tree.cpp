@@ -1,5 +1,8 @@
 #include "cortshift_stereo/ros/pose_tree.hpp"
 
+#include "cortshift_stereo/admission/pose_evidence.hpp"
+#include "cortshift_stereo/ros/pose_source.hpp"
+
 namespace cortshift_stereo {
 
 std::string withoutSlash(const std::string& frame) {
@@ -23,6 +26,11 @@ void addTransforms(TransformTree& tree, const tf2_msgs::TFMessage& message, bool
 Eigen::Isometry3d poseFrom(const TransformTree& tree, const std::string& target, const std::string& source,
                            const ros::Time& stamp) {
   return tree.lookup(withoutSlash(target), withoutSlash(source), static_cast<int64_t>(stamp.toNSec()));
+}
+
+Findings judgePoses(const TransformTree& tree, const std::string& target, const std::string& source,
+                    const ros::Time& stamp, const PoseLimits& limits) {
+  return checkPoses(tree, withoutSlash(target), withoutSlash(source), static_cast<int64_t>(stamp.toNSec()), limits);
 }
 
 }  // namespace cortshift_stereo
