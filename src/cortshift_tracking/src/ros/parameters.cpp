@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "cortshift_stereo/ros/parameter_reader.hpp"
+#include "cortshift_tracking/case/case_state.hpp"
 
 namespace cortshift_tracking {
 
@@ -51,11 +52,10 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   reader.finish();
 
   if (!gravity.empty()) {
-    const Eigen::Vector3d direction(gravity[0], gravity[1], gravity[2]);
-    if (!direction.allFinite() || !(direction.norm() > 1e-6))
+    p.gravity_pmr = unitVector({gravity[0], gravity[1], gravity[2]});
+    if (!p.gravity_pmr)
       throw cortshift_stereo::ParameterError(
           "parameter gravity is not a direction; give three numbers in pmr, for instance [0, -1, 0], or none");
-    p.gravity_pmr = direction.normalized();
   }
   return p;
 }
