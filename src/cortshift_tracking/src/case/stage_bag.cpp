@@ -1,6 +1,9 @@
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
 
+#include <new>
+
+#include "cortshift_tracking/case/durable_file.hpp"
 #include "cortshift_tracking/case/memory_bag.hpp"
 #include "cortshift_tracking/case/stage_store.hpp"
 #include "cortshift_tracking/error.hpp"
@@ -58,7 +61,11 @@ StageRecord stageFromBag(const std::filesystem::path& path) {
       read(instance, "/tf", tf);
       read(instance, "/tf_static", tf_static);
     }
-  } catch (const std::exception& error) {  // rosbag, ROS serialisation and the allocator each have their own
+  } catch (const rosbag::BagIOException& error) {
+    throw UnreadableFile("cannot read " + path.string() + ": " + error.what());
+  } catch (const std::bad_alloc&) {
+    throw UnreadableFile("cannot read " + path.string() + ": no memory");
+  } catch (const std::exception& error) {  // rosbag, ROS serialisation each have their own
     throw TrackingError(path.string() + " is not a readable bag: " + error.what());
   }
   if (!info || !record.surface) throw TrackingError(path.string() + " holds no stage (/stage/info, /surface/points)");

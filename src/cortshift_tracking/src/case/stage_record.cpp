@@ -10,13 +10,6 @@ namespace {
 
 using cortshift_stereo::PoseAt;
 
-geometry_msgs::Pose unknownPose() {
-  geometry_msgs::Pose pose;
-  pose.position.x = pose.position.y = pose.position.z = kUnknown;
-  pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = kUnknown;
-  return pose;
-}
-
 void addTransforms(StageRecord& record, const PoseAt& pose_at, std::string& remarks) {
   const ros::Time& stamp = record.info.stamp;
   try {

@@ -8,6 +8,7 @@
 
 #include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_stereo/ros/shifted_time.hpp"
 #include "cortshift_tracking/case/patient_registration.hpp"
 #include "cortshift_tracking/case/stage_record.hpp"
 #include "cortshift_tracking/ros/tracker/pose_watch.hpp"
@@ -16,6 +17,7 @@ namespace cortshift_tracking {
 namespace {
 
 using cortshift_stereo::PairMessages;
+using cortshift_stereo::shifted;
 using cortshift_stereo::SurfaceReconstructionParameters;
 
 constexpr double kSlice = 1.0;  // [s] of recording that is looked through at one go

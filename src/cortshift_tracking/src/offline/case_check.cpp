@@ -8,9 +8,12 @@
 #include <set>
 
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_stereo/ros/shifted_time.hpp"
 
 namespace cortshift_tracking {
 namespace {
+
+using cortshift_stereo::shifted;
 
 constexpr double kSlice = 10;            // [s] of recording looked at in one go
 constexpr double kNewStretch = 5;        // [s] without a usable pair that ends a stretch

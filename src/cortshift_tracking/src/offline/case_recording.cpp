@@ -10,6 +10,7 @@
 
 #include "cortshift_stereo/admission/pair_synchroniser.hpp"
 #include "cortshift_stereo/ros/settings_history.hpp"
+#include "cortshift_stereo/ros/shifted_time.hpp"
 #include "cortshift_tracking/case/patient_registration.hpp"
 
 namespace cortshift_tracking {
@@ -17,6 +18,7 @@ namespace {
 
 using cortshift_stereo::PairMessages;
 using cortshift_stereo::PoseError;
+using cortshift_stereo::shifted;
 
 const std::string kTf = "/tf", kStatic = "/tf_static", kSettings = "/microscope/settings";
 const std::string kLeft = "/stereo/left/", kRight = "/stereo/right/", kInfo = "camera_info";
@@ -67,12 +69,6 @@ geometry_msgs::TransformStamped transformFromYaml(const YAML::Node& entry, const
 }
 
 }  // namespace
-
-ros::Time shifted(const ros::Time& time, double seconds) {
-  const double sum = time.toSec() + seconds;
-  if (sum <= 0) return ros::Time();
-  return time + ros::Duration(seconds);
-}
 
 std::vector<geometry_msgs::TransformStamped> readStaticTransforms(const std::string& path) {
   try {
@@ -265,18 +261,14 @@ cortshift_stereo::PoseAt CaseRecording::posesAround(const ros::Time& arrival, do
 }
 
 std::optional<ros::Time> CaseRecording::registrationChanged(const ros::Time& time) const {
-  std::optional<ros::Time> changed;
-  std::optional<geometry_msgs::Pose> newest;
+  RegistrationHistory history;
   for (const Static& recorded : statics_) {
     if (recorded.time > time) break;
     tf2_msgs::TFMessage message;
     message.transforms = {recorded.edge};
-    const geometry_msgs::Pose heard = registrationOf(message);
-    if (sameRegistration(heard, registrationOf({}))) continue;  // another edge
-    if (newest && !sameRegistration(*newest, heard)) changed = recorded.time;
-    newest = heard;
+    history.add(message, recorded.time);
   }
-  return changed;
+  return history.changed();
 }
 
 }  // namespace cortshift_tracking

@@ -5,6 +5,7 @@
 
 #include "cortshift_stereo/ros/parameter_reader.hpp"
 #include "cortshift_stereo/ros/parameter_writer.hpp"
+#include "cortshift_tracking/case/case_state.hpp"
 
 namespace cortshift_tracking {
 
@@ -76,11 +77,10 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   p.shift.setThreads(spelt.threads);
 
   if (!spelt.gravity.empty()) {
-    const Eigen::Vector3d direction(spelt.gravity[0], spelt.gravity[1], spelt.gravity[2]);
-    if (!direction.allFinite() || !(direction.norm() > 1e-6))
+    p.gravity_pmr = unitVector({spelt.gravity[0], spelt.gravity[1], spelt.gravity[2]});
+    if (!p.gravity_pmr)
       throw cortshift_stereo::ParameterError(
           "parameter gravity is not a direction; give three numbers in pmr, for instance [0, -1, 0], or none");
-    p.gravity_pmr = direction.normalized();
   }
   return p;
 }

@@ -1,6 +1,7 @@
 #include "cortshift_tracking/ros/stage_shift.hpp"
 
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/patient_registration.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/error.hpp"
 
@@ -31,7 +32,9 @@ StageShift computeStageShift(const StageStore& store, const std::string& from_ke
     throw TrackingError("stage '" + from_key + "' was captured after '" + to_key +
                         "'; the shift goes from an earlier to a later stage: swap the two");
   const StageRecord earlier = store.load(from_key), later = store.load(to_key);
-  if (!across_epochs && earlier.info.epoch != later.info.epoch)
+  // The numbers alone may mislead: an epoch was counted while a stage of another one could not be read.
+  if (!across_epochs &&
+      (earlier.info.epoch != later.info.epoch || !sameRegistration(earlier.info.registration, later.info.registration)))
     throw TrackingError("the patient registration changed between '" + from_key + "' (epoch " +
                         std::to_string(earlier.info.epoch) + ") and '" + to_key + "' (epoch " +
                         std::to_string(later.info.epoch) +

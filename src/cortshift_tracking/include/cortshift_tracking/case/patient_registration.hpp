@@ -12,6 +12,9 @@
 
 namespace cortshift_tracking {
 
+/// A pose of which nothing is known: all NaN.
+geometry_msgs::Pose unknownPose();
+
 /// The registration among a stage's fixed transforms; all NaN where there is none.
 geometry_msgs::Pose registrationOf(const tf2_msgs::TFMessage& fixed);
 
@@ -27,6 +30,23 @@ std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector
 ///   have heard of it
 void requireSettled(const ros::Time& stamp, const ros::Time& changed);
 
+/// The registration as it is heard of, in order.
+class RegistrationHistory {
+ public:
+  /// Messages of other edges do not matter. @returns whether the registration became another one
+  bool add(const tf2_msgs::TFMessage& message, const ros::Time& time);
+
+  /// All NaN where none has been heard of.
+  geometry_msgs::Pose newest() const;
+
+  /// When it last became another one; nothing where it never did.
+  std::optional<ros::Time> changed() const { return changed_; }
+
+ private:
+  std::optional<geometry_msgs::Pose> newest_;
+  std::optional<ros::Time> changed_;
+};
+
 /// Notices when the registration changes, so that no stage mixes two of them. Thread-safe.
 class RegistrationWatch {
  public:
@@ -40,8 +60,7 @@ class RegistrationWatch {
 
  private:
   mutable std::mutex mutex_;
-  std::optional<geometry_msgs::Pose> newest_;
-  ros::Time changed_;
+  RegistrationHistory history_;
 };
 
 }  // namespace cortshift_tracking

@@ -76,7 +76,4 @@ class CaseRecording {
   std::vector<Static> statics_;  // each change once
 };
 
-/// `time` by so many seconds later or, with negative ones, earlier; never before 0.
-ros::Time shifted(const ros::Time& time, double seconds);
-
 }  // namespace cortshift_tracking
