@@ -48,6 +48,18 @@ Findings checkSettingKnown(bool known, bool several) {
   return found;
 }
 
+Findings checkLag(double lag, double most, const std::string& clock) {
+  Findings found;
+  if (lag <= most && lag >= -most) return found;
+  char text[120];
+  std::snprintf(text, sizeof text, "is %.3f s %s its %s (allowed: %.3f s)", std::abs(lag),
+                lag > 0 ? "behind" : "ahead of", clock.c_str(), most);
+  found.warn(
+      CheckId::kRecordTime, "The stamp of the pair", text,
+      "set the clocks of cameras, tracker and recorder by one source; times given to a tool count in record time");
+  return found;
+}
+
 Findings checkStamp(int64_t stamp_ns) {
   Findings found;
   if (stamp_ns == 0)

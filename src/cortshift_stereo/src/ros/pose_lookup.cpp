@@ -22,7 +22,7 @@ PoseLookup::~PoseLookup() { spinner_->stop(); }
 void PoseLookup::add(const tf2_msgs::TFMessage& message, bool fixed) {
   const std::lock_guard<std::mutex> lock(mutex_);
   noticeClock();
-  addTransforms(tree_, message, fixed);
+  addTransforms(tree_, message, fixed, ros::Time::now());
   arrived_.notify_all();
 }
 

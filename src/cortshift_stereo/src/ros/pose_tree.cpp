@@ -9,14 +9,15 @@ std::string withoutSlash(const std::string& frame) {
   return !frame.empty() && frame[0] == '/' ? frame.substr(1) : frame;
 }
 
-void addTransforms(TransformTree& tree, const tf2_msgs::TFMessage& message, bool fixed) {
+void addTransforms(TransformTree& tree, const tf2_msgs::TFMessage& message, bool fixed, const ros::Time& when) {
+  const auto since = when.isZero() ? std::nullopt : std::make_optional(when.toSec());
   for (const geometry_msgs::TransformStamped& edge : message.transforms) {
     const geometry_msgs::Vector3& t = edge.transform.translation;
     const geometry_msgs::Quaternion& q = edge.transform.rotation;
     const std::string parent = withoutSlash(edge.header.frame_id);
     const std::string child = withoutSlash(edge.child_frame_id);
     if (fixed)
-      tree.addFixed(parent, child, {t.x, t.y, t.z}, {q.w, q.x, q.y, q.z});
+      tree.addFixed(parent, child, {t.x, t.y, t.z}, {q.w, q.x, q.y, q.z}, since);
     else
       tree.addSample(parent, child, static_cast<int64_t>(edge.header.stamp.toNSec()), {t.x, t.y, t.z},
                      {q.w, q.x, q.y, q.z});

@@ -2,6 +2,7 @@
 
 #include <stereo_msgs/DisparityImage.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -9,6 +10,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "cortshift_stereo/admission/rig_evidence.hpp"
 #include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 
@@ -29,6 +31,20 @@ std::string text(const ros::Time& stamp) {
 
 constexpr std::size_t kImagesKept = 8;                  // of each side: a surface is made within a few periods
 constexpr std::chrono::milliseconds kLateSetting{200};  // topics do not overtake one another by more
+
+/// Image topics that somebody publishes and this node does not listen to.
+std::string otherImages(const std::vector<ros::Subscriber>& own) {
+  ros::master::V_TopicInfo topics;
+  std::string others;
+  if (!ros::master::getTopics(topics)) return others;
+  for (const ros::master::TopicInfo& topic : topics) {
+    const bool heard = std::any_of(own.begin(), own.end(), [&](const auto& o) { return o.getTopic() == topic.name; });
+    if (!heard && topic.datatype == ros::message_traits::datatype<sensor_msgs::Image>() &&
+        topic.name.find("/shift/") == std::string::npos)
+      others += (others.empty() ? " Other images that are published: " : ", ") + topic.name;
+  }
+  return others.empty() ? others : others + "; remap them.";
+}
 
 double now() { return ros::WallTime::now().toSec(); }
 
@@ -102,10 +118,11 @@ void SurfaceReconstruction::receive(Side side, const ros::Time& stamp, const Ima
   std::optional<Synchroniser::Pair> overtaken;
   {
     const std::lock_guard<std::mutex> lock(input_mutex_);
-    std::map<ros::Time, ImageMessage>& images = images_[static_cast<std::size_t>(side)];
-    ImageMessage& both = images[stamp];
-    if (image.raw) both.raw = image.raw;
-    if (image.compressed) both.compressed = image.compressed;
+    std::map<ros::Time, Received>& images = images_[static_cast<std::size_t>(side)];
+    Received& both = images[stamp];
+    if (image.raw) both.image.raw = image.raw;
+    if (image.compressed) both.image.compressed = image.compressed;
+    if (both.time.isZero()) both.time = ros::Time::now();
     while (images.size() > kImagesKept)
       images.erase(images.begin()->first < stamp ? images.begin() : std::prev(images.end()));
     std::optional<Synchroniser::Pair> pair =
@@ -164,7 +181,8 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
   std_msgs::Header header;
   header.stamp = stamp;
   header.frame_id = parameters_.map_frame;
-  status_publisher_.publish(statusOf(header, surface.warnings));
+  const cortshift_msgs::SurfaceStatus status = statusOf(header, surface.warnings);
+  status_publisher_.publish(status);
   points_publisher_.publish(toPointCloud2(surface.surface_map, header));
   if (disparity_publisher_.getNumSubscribers() > 0) {
     header.frame_id = parameters_.camera_frame;
@@ -179,18 +197,28 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
     last_surface_stamp_ = stamp;
     last_seconds_ = surface.result.seconds;
     last_averaged_ = surface.averaged;
-    last_warnings_ = surface.warnings;
+    last_warnings_ = status.warnings;
   }
   publishDiagnostics();
   collector_.offer(surface.frame);
 }
 
 cortshift_msgs::SurfaceStatus SurfaceReconstruction::statusOf(const std_msgs::Header& header,
-                                                              const std::vector<std::string>& warnings) const {
+                                                              const std::vector<std::string>& warnings) {
   cortshift_msgs::SurfaceStatus status;
   status.header = header;
   status.warnings = warnings;
   status.parameters = parameters_.effective();
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    for (const auto& images : images_)
+      if (const auto found = images.find(header.stamp); found != images.end())
+        status.received = std::max(status.received, found->second.time);
+  }
+  if (!status.received.isZero())
+    addWarnings(status.warnings,
+                checkLag(status.received.toSec() - header.stamp.toSec(), ClockLimits::kLive, "arrival in this node")
+                    .warnings());
   return status;
 }
 
@@ -199,7 +227,8 @@ void SurfaceReconstruction::requireOneContent(const ros::Time& stamp) {
   {
     const std::lock_guard<std::mutex> lock(input_mutex_);
     for (std::size_t side = 0; side < 2; ++side)
-      if (const auto found = images_[side].find(stamp); found != images_[side].end()) images[side] = found->second;
+      if (const auto found = images_[side].find(stamp); found != images_[side].end())
+        images[side] = found->second.image;
   }
   cortshift_stereo::requireOneContent(images[0], "left");
   cortshift_stereo::requireOneContent(images[1], "right");
@@ -289,7 +318,8 @@ void SurfaceReconstruction::diagnose(diagnostic_updater::DiagnosticStatusWrapper
   else if (last_pair_dropped_)
     status.summary(DiagnosticStatus::WARN, last_drop_->why.message);
   else if (surfaces_published_ == 0)
-    status.summary(DiagnosticStatus::WARN, "No stereo pair has arrived yet: check the image topics.");
+    status.summary(DiagnosticStatus::WARN,
+                   "No stereo pair has arrived yet: check the image topics." + otherImages(subscribers_));
   else if (!last_warnings_.empty())
     status.summary(DiagnosticStatus::WARN, "The last pair gave a surface with a warning. " + last_warnings_.front());
   else

@@ -5,6 +5,7 @@
 
 #include "cortshift_stereo/ros/pose_tree.hpp"
 #include "cortshift_stereo/ros/shifted_time.hpp"
+#include "cortshift_tracking/case/calibration_identity.hpp"
 #include "cortshift_tracking/case/same_registration.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/field/summary.hpp"
@@ -55,12 +56,13 @@ bool sameRegistration(const geometry_msgs::Pose& a, const geometry_msgs::Pose& b
   return sameRegistration(isometryOf(a), isometryOf(b));
 }
 
-std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector<cortshift_msgs::StageInfo>& stages) {
-  if (!known(registration)) return 0;
+std::uint32_t epochOf(const cortshift_msgs::StageInfo& stage, const std::vector<cortshift_msgs::StageInfo>& earlier) {
+  if (!known(stage.registration)) return 0;
   std::uint32_t newest = 0;
-  for (const cortshift_msgs::StageInfo& stage : stages) {
-    if (stage.epoch > 0 && sameRegistration(stage.registration, registration)) return stage.epoch;
-    newest = std::max(newest, stage.epoch);
+  for (const cortshift_msgs::StageInfo& other : earlier) {
+    if (other.epoch > 0 && sameRegistration(other.registration, stage.registration) && sameCalibration(other, stage))
+      return other.epoch;
+    newest = std::max(newest, other.epoch);
   }
   return newest + 1;
 }

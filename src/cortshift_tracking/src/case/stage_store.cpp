@@ -186,7 +186,7 @@ void StageStore::requireFree(const std::string& key) const {
 
 cortshift_msgs::StageInfo StageStore::add(StageRecord record) {
   requireFree(record.info.key);
-  record.info.epoch = epochOf(record.info.registration, list());
+  record.info.epoch = epochOf(record.info, list());
   const std::string bytes = toBag(record);
   const std::lock_guard<std::mutex> guard(mutex_);
   for (const Entry& entry : entries_)

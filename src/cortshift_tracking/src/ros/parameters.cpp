@@ -26,6 +26,7 @@ void each(Reader& reader, Parameters& p, Spelt& spelt) {
   reader.number("max_surface_age", p.max_surface_age, 0.0, 3600.0);
   reader.number("max_pose_gap", p.max_pose_gap, 0.001, 10.0);
   reader.number("max_speed", p.max_speed, 0.0001, 1.0);
+  reader.number("tracker_jitter", p.poses.tracker_jitter, 0.00001, 0.01);
   reader.numbers("gravity", spelt.gravity, 3);
   reader.number("arrow_spacing", p.arrow_spacing, 0.0005, 0.05);
 
@@ -65,6 +66,10 @@ std::string ShiftTrackerParameters::effective() const {
   cortshift_stereo::ParameterWriter writer;
   each(writer, *this, spelt);
   return writer.without({"case_folder", "threads"});  // the result does not depend on them
+}
+
+std::string ShiftTrackerParameters::configuration(const std::string& reconstruction) const {
+  return "# surface_reconstruction\n" + reconstruction + "# shift_tracker\n" + effective();
 }
 
 ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::ParameterSource& source) {

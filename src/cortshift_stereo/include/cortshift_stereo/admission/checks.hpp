@@ -45,6 +45,7 @@ enum class CheckId {
   kRegistrationUnsettled,
   kEpoch,
   kNotUnderstood,
+  kStatus,
   kCount  // of the above
 };
 

@@ -3,6 +3,7 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <string>
 
 #include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_stereo/geometry/camera_model.hpp"
@@ -16,6 +17,12 @@ Findings checkStereoEdge(const StereoModel& model, const Eigen::Isometry3d& T_le
 /// A microscope that does not say how it is set.
 /// @param several  a settings calibration is in use, so that the setting decides about the geometry
 Findings checkSettingKnown(bool known, bool several);
+
+/// The clock that stamped an exposure against the one that noted when the pair came.
+/// @param lag       [s] came minus exposed
+/// @param most      [s] that the way from the camera may take, at least a period of the pairs
+/// @param clock     whose time it came at, "record time"
+Findings checkLag(double lag, double most, const std::string& clock);
 
 /// Zero is no time of an exposure.
 Findings checkStamp(int64_t stamp_ns);

@@ -69,8 +69,7 @@ class SurfaceReconstruction {
   /// The surface under the setting at the time of the pair. A setting travels on a topic of its own and may arrive
   /// after the pair: what was made or refused under an older one is done again.
   PairSurface reconstruct(PairMessages messages, const PoseSource& poses);
-  cortshift_msgs::SurfaceStatus statusOf(const std_msgs::Header& header,
-                                         const std::vector<std::string>& warnings) const;
+  cortshift_msgs::SurfaceStatus statusOf(const std_msgs::Header& header, const std::vector<std::string>& warnings);
   void requireOneContent(const ros::Time& stamp);
   bool averagePairs(cortshift_msgs::AveragePairs::Request& request, cortshift_msgs::AveragePairs::Response& response);
 
@@ -88,7 +87,11 @@ class SurfaceReconstruction {
   std::optional<Synchroniser::Pair> newest_;
   sensor_msgs::CameraInfoConstPtr infos_[2];
   SettingsHistory settings_;
-  std::map<ros::Time, ImageMessage> images_[2];  // the last few, raw and compressed of one stamp together
+  struct Received {
+    ImageMessage image;  // raw and compressed of one stamp together
+    ros::Time time;
+  };
+  std::map<ros::Time, Received> images_[2];  // the last few
   bool stop_ = false;
 
   PairReconstruction reconstruction_;  // worker thread only

@@ -21,9 +21,9 @@ geometry_msgs::Pose registrationOf(const tf2_msgs::TFMessage& fixed);
 /// Two unknown registrations are the same: nothing tells them apart.
 bool sameRegistration(const geometry_msgs::Pose& a, const geometry_msgs::Pose& b);
 
-/// Number of the epoch that a new stage belongs to: that of an earlier stage with the same registration, or the next
-/// one; 0 where the registration is not known.
-std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector<cortshift_msgs::StageInfo>& stages);
+/// Number of the epoch that a new stage belongs to: that of an earlier stage with the same registration and
+/// calibration, or the next one; 0 where the registration is not known.
+std::uint32_t epochOf(const cortshift_msgs::StageInfo& stage, const std::vector<cortshift_msgs::StageInfo>& earlier);
 
 /// @param changed  when the registration last became another one
 /// @throws TrackingError for a pair that was exposed before that or so shortly after it that the reconstruction may not

@@ -25,6 +25,7 @@ struct StageRecord {
   sensor_msgs::CameraInfoConstPtr left_info, right_info;                   ///< /stereo/{left,right}/camera_info
   cortshift_msgs::MicroscopeSettingsConstPtr settings;                     ///< /microscope/settings
   tf2_msgs::TFMessage tf, tf_static;                                       ///< the transforms at the stamp
+  std::string parameters;  ///< /stage/parameters: all that were in force, one "key: value" on a line
 };
 
 /// Stages in order of capture. Thread-safe.

@@ -34,6 +34,7 @@ class CaseCapture {
   StageRecord recordOf(const PairPlace& place) const;
   Captured captureOne(const PlannedCapture& planned) const;
   Captured captureMean(const PlannedCapture& planned) const;
+  std::string whyNone(const ros::Time& asked) const;
   std::string dropped(const PairPlace& place, const std::exception& error) const;
 
   const CaseRecording& recording_;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <boost/make_shared.hpp>
 
+#include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/case/stage_record.hpp"
 #include "cortshift_tracking/error.hpp"
@@ -24,6 +25,8 @@ Capturing::Capturing(const ShiftTrackerParameters& parameters, OpenCase& open, P
                      const SurfaceFeed& feed, Activity& activity, ros::NodeHandle& data, ros::NodeHandle& services)
     : timeout_(parameters.capture_timeout),
       max_surface_age_(parameters.max_surface_age),
+      configuration_(
+          [parameters](const std::string& of_reconstruction) { return parameters.configuration(of_reconstruction); }),
       case_(open),
       placement_(placement),
       feed_(feed),
@@ -77,21 +80,33 @@ std::string Capturing::store(const std::string& key, const std::string& note, un
     key_under_way_ = key;
   }
   std::string remarks;
+  cortshift_msgs::SurfaceStatusConstPtr status;
   try {
-    record.surface = pairs == 1 ? awaitSurface() : awaitMean(pairs, remarks);
+    record.surface = pairs == 1 ? awaitSurface() : awaitMean(pairs, remarks, status);
     record.info.stamp = record.surface->header.stamp;
-    placement_.requireTrustworthy(record.info.stamp);
+    record.info.warnings = placement_.requireTrustworthy(record.info.stamp);
   } catch (const TrackingError& error) {
     throw TrackingError(refusal + error.what());
   }
   record.info.key = key;
   record.info.note = note;
   pairs_.fill(record);
+  if (pairs == 1) status = feed_.statusOf(record.info.stamp);
+  if (status)
+    cortshift_stereo::addWarnings(record.info.warnings, status->warnings);
+  else
+    record.info.warnings.push_back(cortshift_stereo::Finding{
+        cortshift_stereo::CheckId::kStatus, cortshift_stereo::Verdict::kWarn, "The status of the surface",
+        "was not heard on /surface/status, so that nothing is known of what speaks against it",
+        "let surface_reconstruction make the surfaces"}
+                                       .sentence());
+  record.parameters = configuration_(status ? status->parameters : "");
   remarks +=
       completeStage(record, [this](const std::string& target, const std::string& source, const ros::Time& stamp) {
         return placement_.poses.lookup(target, source, stamp, kPoseWait);
       });
   record.info = case_.store.add(record);
+  for (const std::string& warning : record.info.warnings) remarks += "; WARNING: " + warning;
   return remarks;
 }
 
@@ -120,7 +135,8 @@ sensor_msgs::PointCloud2ConstPtr Capturing::awaitSurface() {
                       secondsText(max_surface_age_.toSec()) + " older than the request" + feed_.whyNone());
 }
 
-sensor_msgs::PointCloud2ConstPtr Capturing::awaitMean(unsigned int pairs, std::string& remarks) {
+sensor_msgs::PointCloud2ConstPtr Capturing::awaitMean(unsigned int pairs, std::string& remarks,
+                                                      cortshift_msgs::SurfaceStatusConstPtr& status) {
   using Outcome = decltype(average_)::Call::Outcome;
   // The reconstruction gathers while pairs are fired here, or come from a bag or a camera that runs free.
   cortshift_msgs::AveragePairs::Request request;
@@ -153,6 +169,7 @@ sensor_msgs::PointCloud2ConstPtr Capturing::awaitMean(unsigned int pairs, std::s
   if (call->outcome == Outcome::kFailed) throw TrackingError(std::string("the call of ") + kAverage + " failed");
   if (!call->response.success) throw TrackingError(call->response.message);
   remarks = "; " + call->response.message;
+  status = boost::make_shared<cortshift_msgs::SurfaceStatus>(call->response.status);
   return boost::make_shared<sensor_msgs::PointCloud2>(call->response.surface);
 }
 

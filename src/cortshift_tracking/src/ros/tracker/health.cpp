@@ -55,6 +55,10 @@ DiagnosticStatus surfacesStatus(const SurfaceFeed& feed) {
   const bool bad = !report.last_malformed.empty();
   status.level = bad ? DiagnosticStatus::ERROR : DiagnosticStatus::OK;
   status.message = bad ? "the last surface is not usable: " + report.last_malformed : "ok";
+  if (!bad && !report.clock.empty()) {
+    status.level = DiagnosticStatus::WARN;
+    status.message = report.clock;
+  }
   status.values = {entry("received", std::to_string(report.received)),
                    entry("malformed", std::to_string(report.malformed)),
                    entry("newest_stamp", std::to_string(feed.inbox().newestStamp().toSec()))};

@@ -8,6 +8,7 @@
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
+#include "cortshift_tracking/ros/stage_shift.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -105,8 +106,10 @@ void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
         throw TrackingError("the patient registration has changed since this stage; track from one of the new epoch");
       const std::lock_guard<std::mutex> guard(case_.computing);
       const Directions directions = case_.directions();
-      const ShiftResult result = computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface),
-                                              directions, settings_, prediction);
+      ShiftResult result = computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface), directions,
+                                        settings_, prediction);
+      if (const auto status = feed_.statusOf(to.stamp)) to.warnings = status->warnings;
+      result.summary.warnings = warningsOf(from, to);
       prediction = predictionOf(result.flow, result.field.confidence);
       requireThere(case_.store, from);  // nothing is published of a stage that was deleted meanwhile
       publisher_.publish(result, directions, from, to, true);

@@ -2,6 +2,7 @@
 
 #include <ros/console.h>
 
+#include "cortshift_stereo/provenance.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
 #include "cortshift_tracking/ros/mr_shift.hpp"
@@ -14,9 +15,15 @@ using Response = cortshift_msgs::ComputeShift::Response;
 
 }  // namespace
 
-ShiftRequests::ShiftRequests(const ShiftSettings& settings, OpenCase& open, FieldPublisher& publisher,
-                             Activity& activity, ros::NodeHandle& services)
-    : settings_(settings), case_(open), publisher_(publisher), activity_(activity) {
+ShiftRequests::ShiftRequests(const ShiftTrackerParameters& parameters, OpenCase& open, const SurfaceFeed& feed,
+                             FieldPublisher& publisher, Activity& activity, ros::NodeHandle& services)
+    : settings_(parameters.shift),
+      configuration_([parameters, &feed] {
+        return cortshift_stereo::sha256(parameters.configuration(feed.reconstructionParameters()));
+      }),
+      case_(open),
+      publisher_(publisher),
+      activity_(activity) {
   const auto service = [&](const char* name, bool across_epochs) {
     return services.advertiseService<Request, Response>(
         name, boost::function<bool(Request&, Response&)>([this, across_epochs](Request& request, Response& response) {
@@ -33,11 +40,13 @@ bool ShiftRequests::compute(const Request& request, Response& response, bool acr
     const auto gravity = case_.state.gravity();
     const auto gravity_pmr = gravity ? std::make_optional(gravity->direction_pmr) : std::nullopt;
     RegionsByKey regions = case_.state.regions(case_.store.list());
+    ShiftSettings settings = settings_;
+    settings.configuration = configuration_();
     const StageShift shift = request.from_key == kMrKey
                                  ? computeMrShift(case_.store, request.to_key, case_.first_normal, gravity_pmr,
-                                                  settings_, regions, across_epochs)
+                                                  settings, regions, across_epochs)
                                  : computeStageShift(case_.store, request.from_key, request.to_key, case_.first_normal,
-                                                     gravity_pmr, settings_, regions[request.from_key], across_epochs);
+                                                     gravity_pmr, settings, regions[request.from_key], across_epochs);
     publisher_.publish(shift.result, {case_.first_normal.of(case_.store), gravity_pmr}, shift.from, shift.to, false);
     response.success = true;
     response.summary = toMessage(shift.result.summary, request.from_key, request.to_key);

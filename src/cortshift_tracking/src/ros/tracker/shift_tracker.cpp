@@ -18,7 +18,7 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
       feed_(data_.node),
       publisher_(parameters, data_.node),
       capturing_(parameters, case_, placement_, feed_, activity_, data_.node, captures_.node),
-      shifts_(parameters.shift, case_, publisher_, activity_, computing_.node),
+      shifts_(parameters, case_, feed_, publisher_, activity_, computing_.node),
       services_(case_, questions_.node),
       live_(parameters, case_, placement_, feed_, publisher_, activity_, questions_.node),
       health_(parameters, case_, placement_, feed_, activity_, live_, data_.node) {

@@ -2,6 +2,9 @@
 
 #include <ros/console.h>
 
+#include <chrono>
+#include <iterator>
+
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_stereo/ros/pose_tree.hpp"
 #include "cortshift_tracking/error.hpp"
@@ -15,6 +18,7 @@ const char* const kReconstructionStatus = "surface_reconstruction: surface";
 
 SurfaceFeed::SurfaceFeed(ros::NodeHandle& node)
     : surfaces_(node.subscribe("/surface/points", 2, &SurfaceFeed::onSurface, this)),
+      status_(node.subscribe("/surface/status", 8, &SurfaceFeed::onStatus, this)),
       diagnostics_(node.subscribe("/diagnostics", 20, &SurfaceFeed::onDiagnostics, this)) {}
 
 void SurfaceFeed::onSurface(const sensor_msgs::PointCloud2ConstPtr& surface) {
@@ -34,6 +38,38 @@ void SurfaceFeed::onSurface(const sensor_msgs::PointCloud2ConstPtr& surface) {
   if (!reason.empty()) ++report_.malformed;
 }
 
+void SurfaceFeed::onStatus(const cortshift_msgs::SurfaceStatusConstPtr& status) {
+  constexpr std::size_t kKept = 64;
+  const ros::Time& stamp = status->header.stamp;
+  if (!status->received.isZero()) inbox_.noteReceived(stamp, status->received);
+  {
+    const std::lock_guard<std::mutex> guard(mutex_);
+    statuses_[stamp] = status;
+    while (statuses_.size() > kKept)
+      statuses_.erase(statuses_.begin()->first < stamp ? statuses_.begin() : std::prev(statuses_.end()));
+    parameters_ = status->parameters;
+  }
+  status_came_.notify_all();
+}
+
+cortshift_msgs::SurfaceStatusConstPtr SurfaceFeed::statusOf(const ros::Time& stamp) const {
+  constexpr std::chrono::milliseconds kBehind{500};  // topics do not overtake one another by more
+  if (status_.getNumPublishers() == 0) return {};
+  std::unique_lock<std::mutex> lock(mutex_);
+  cortshift_msgs::SurfaceStatusConstPtr found;
+  status_came_.wait_for(lock, kBehind, [&] {
+    const auto status = statuses_.find(stamp);
+    if (status != statuses_.end()) found = status->second;
+    return found != nullptr;
+  });
+  return found;
+}
+
+std::string SurfaceFeed::reconstructionParameters() const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return parameters_;
+}
+
 void SurfaceFeed::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
   for (const diagnostic_msgs::DiagnosticStatus& status : message->status) {
     if (status.name != kReconstructionStatus) continue;
@@ -48,7 +84,7 @@ void SurfaceFeed::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& 
 
 std::string SurfaceFeed::whyNone() const {
   const std::lock_guard<std::mutex> guard(mutex_);
-  std::string why;
+  std::string why = clock_trouble_.empty() ? "" : "; " + clock_trouble_;
   const ros::Time newest = inbox_.newestStamp();
   why += newest.isZero() ? "; none has come since the node started"
                          : "; the newest is of " + std::to_string(newest.toSec());
@@ -63,8 +99,12 @@ std::string SurfaceFeed::whyNone() const {
 }
 
 SurfaceFeed::Report SurfaceFeed::report() const {
+  const std::string trouble = clock_.trouble();
   const std::lock_guard<std::mutex> guard(mutex_);
-  return report_;
+  clock_trouble_ = trouble;
+  Report report = report_;
+  report.clock = trouble;
+  return report;
 }
 
 }  // namespace cortshift_tracking

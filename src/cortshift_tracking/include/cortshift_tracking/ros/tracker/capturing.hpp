@@ -8,6 +8,7 @@
 #include <ros/node_handle.h>
 #include <ros/service_server.h>
 
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -46,13 +47,15 @@ class Capturing {
   /// @returns what is worth saying about the stage beside its size
   std::string store(const std::string& key, const std::string& note, unsigned int pairs, StageRecord& record);
   sensor_msgs::PointCloud2ConstPtr awaitSurface();
-  sensor_msgs::PointCloud2ConstPtr awaitMean(unsigned int pairs, std::string& remarks);
+  sensor_msgs::PointCloud2ConstPtr awaitMean(unsigned int pairs, std::string& remarks,
+                                             cortshift_msgs::SurfaceStatusConstPtr& status);
 
   /// Fires the driver. @returns stamp of the pair; nothing where there is no driver @throws TrackingError
   std::optional<ros::Time> fire(Deadline deadline);
 
   const double timeout_;  // [s]
   const ros::Duration max_surface_age_;
+  const std::function<std::string(const std::string&)> configuration_;  // all parameters, with the reconstruction's
   OpenCase& case_;
   Placement& placement_;
   const SurfaceFeed& feed_;

@@ -5,9 +5,13 @@
 #include <ros/node_handle.h>
 #include <ros/service_server.h>
 
+#include <functional>
+#include <string>
+
 #include "cortshift_tracking/ros/tracker/activity.hpp"
 #include "cortshift_tracking/ros/tracker/field_publisher.hpp"
 #include "cortshift_tracking/ros/tracker/open_case.hpp"
+#include "cortshift_tracking/ros/tracker/surface_feed.hpp"
 
 namespace cortshift_tracking {
 
@@ -16,14 +20,15 @@ namespace cortshift_tracking {
 /// queue of their own.
 class ShiftRequests {
  public:
-  ShiftRequests(const ShiftSettings& settings, OpenCase& open, FieldPublisher& publisher, Activity& activity,
-                ros::NodeHandle& services);
+  ShiftRequests(const ShiftTrackerParameters& parameters, OpenCase& open, const SurfaceFeed& feed,
+                FieldPublisher& publisher, Activity& activity, ros::NodeHandle& services);
 
  private:
   bool compute(const cortshift_msgs::ComputeShift::Request& request, cortshift_msgs::ComputeShift::Response& response,
                bool across_epochs);
 
   const ShiftSettings settings_;
+  const std::function<std::string()> configuration_;  // hash of all parameters in force
   OpenCase& case_;
   FieldPublisher& publisher_;
   Activity& activity_;
