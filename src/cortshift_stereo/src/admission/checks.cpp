@@ -97,7 +97,10 @@ Check checkOf(CheckId id) {
               "", kRigDoors};
     case CheckId::kPoseStuck:
       return {"pose_stuck", "poses that stay the same bit by bit, and the images meanwhile",
-              "images that stand still as well; else refused", "", kCaptureDoors};
+              "surroundings in the image that stand still as well; else refused", "", "reconstruction, process_bag"};
+    case CheckId::kImageRepeated:
+      return {"image_repeated", "the left image, bit by bit, and the poses meanwhile",
+              "another image where the camera has moved; else refused", "", "reconstruction, process_bag"};
     case CheckId::kPoseMotion:
       return {"pose_motion", "speed of the camera at the exposure", "at most max_speed; else refused", "max_speed",
               kCaptureDoors};

@@ -48,11 +48,11 @@ Findings checkSettingKnown(bool known, bool several) {
   return found;
 }
 
-Findings checkLag(double lag, double most, const std::string& clock) {
+Findings checkLag(const std::string& thing, double lag, double most, const std::string& clock) {
   Findings found;
   if (lag <= most && lag >= -most) return found;
   char text[120];
-  std::snprintf(text, sizeof text, "is %.3f s %s its %s (allowed: %.3f s)", std::abs(lag),
+  std::snprintf(text, sizeof text, "lies %.3f s %s its %s (allowed: %.3f s)", std::abs(lag),
                 lag > 0 ? "behind" : "ahead of", clock.c_str(), most);
   found.warn(
       CheckId::kRecordTime, "The stamp of the pair", text,

@@ -98,10 +98,12 @@ PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseS
   out.frame.rectifier = rectifierFor(pair);
   requireOneContent(pair.left, "left");
   requireOneContent(pair.right, "right");
-  out.result = reconstruct(decode(pair.left), decode(pair.right), *out.frame.rectifier, parameters_.reconstruction);
+  const cv::Mat left = decode(pair.left);
+  out.result = reconstruct(left, decode(pair.right), *out.frame.rectifier, parameters_.reconstruction);
   out.frame.stamp_ns = static_cast<std::int64_t>(pair.stamp.toNSec());
   out.frame.T_pmr_left = poses.at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);
   found.add(judgePose(pair, *stereo_, poses));
+  views_.add(out.frame.stamp_ns, out.frame.T_pmr_left, left, out.frame.rectifier).requireAccepted();
   out.frame.warnings = out.warnings = found.warnings();
   out.frame.frame = {out.result.disparity, out.result.surface_left.colour, out.result.surface_left.confidence};
   recent_.add(out.frame);
@@ -117,6 +119,12 @@ PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseS
   out.surface_map = out.result.surface_left;
   out.surface_map.points = transformPoints(T_pmr_surface, out.result.surface_left.points);
   return out;
+}
+
+void PairReconstruction::remember(const PairMessages& pair, const PoseSource& poses) {
+  const auto rectifier = rectifierFor(pair);
+  views_.add(static_cast<std::int64_t>(pair.stamp.toNSec()),
+             poses.at(parameters_.map_frame, parameters_.camera_frame, pair.stamp), decode(pair.left), rectifier);
 }
 
 void PairReconstruction::calibrate(const PairMessages& pair) {

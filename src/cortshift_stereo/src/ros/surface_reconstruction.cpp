@@ -216,9 +216,9 @@ cortshift_msgs::SurfaceStatus SurfaceReconstruction::statusOf(const std_msgs::He
         status.received = std::max(status.received, found->second.time);
   }
   if (!status.received.isZero())
-    addWarnings(status.warnings,
-                checkLag(status.received.toSec() - header.stamp.toSec(), ClockLimits::kLive, "arrival in this node")
-                    .warnings());
+    addWarnings(status.warnings, checkLag("The stamp of the pair", status.received.toSec() - header.stamp.toSec(),
+                                          ClockLimits::kLive, "arrival in this node")
+                                     .warnings());
   return status;
 }
 

@@ -96,11 +96,43 @@ StageRecord CaseCapture::recordOf(const PairPlace& place) const {
         continue;  // as in the node: a pair that gives no surface is no part of the mean
       }
     }
+  rememberEarlier(place, reconstruct);
   const cortshift_stereo::PairSurface surface = surfaceOf(place, messages);
   StageRecord record = recordWith(messages, surface.surface_map, parameters.map_frame);
   record.info.warnings = surface.warnings;
   cortshift_stereo::addWarnings(record.info.warnings, recording_.judgeClock(place).warnings());
   return record;
+}
+
+void CaseCapture::rememberEarlier(const PairPlace& place, cortshift_stereo::PairReconstruction& reconstruct) const {
+  constexpr double kPast = 60;      // [s] as the nodes remember
+  constexpr std::size_t kMost = 8;  // images to decode of the same pose, and of others
+  const double gap = parameters_.reconstruction.max_pose_gap;
+  const auto poseOf = [&](const PairPlace& pair) -> std::optional<Eigen::Isometry3d> {
+    try {
+      return recording_.posesAround(pair.arrival, gap)
+          .at(parameters_.reconstruction.map_frame, parameters_.reconstruction.camera_frame, pair.stamp);
+    } catch (const cortshift_stereo::PoseError&) {
+      return std::nullopt;
+    }
+  };
+  const auto pose = poseOf(place);
+  if (!pose) return;  // the reconstruction says why
+  std::vector<PairPlace> same, others;
+  for (const PairPlace& earlier : recording_.pairs(shifted(place.arrival, -kPast), place.arrival)) {
+    if (earlier.stamp >= place.stamp) continue;
+    if (const auto other = poseOf(earlier)) (other->matrix() == pose->matrix() ? same : others).push_back(earlier);
+  }
+  std::vector<PairPlace> chosen;
+  for (const std::vector<PairPlace>* list : {&same, &others}) {
+    const std::size_t step = std::max<std::size_t>(1, (list->size() + kMost - 1) / kMost);
+    for (std::size_t i = 0; i < list->size(); i += step) chosen.push_back((*list)[i]);
+  }
+  std::sort(chosen.begin(), chosen.end(), [](const PairPlace& a, const PairPlace& b) { return a.stamp < b.stamp; });
+  for (const PairPlace& earlier : chosen) try {
+      reconstruct.remember(recording_.read(earlier), recording_.posesAround(earlier.arrival, gap));
+    } catch (const std::exception&) {  // a pair that cannot be used says nothing
+    }
 }
 
 StageRecord CaseCapture::capture(const PlannedCapture& planned, std::string& remarks) const {

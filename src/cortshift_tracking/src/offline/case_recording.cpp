@@ -206,8 +206,18 @@ Findings CaseRecording::judgeClock(const PairPlace& pair) const {
   for (const PairPlace& other : pairs(shifted(pair.arrival, -kNear), shifted(pair.arrival, kNear)))
     if (other.stamp != pair.stamp) period = std::min(period, std::abs(other.stamp.toSec() - pair.stamp.toSec()));
   if (!std::isfinite(period)) period = 0;
-  return cortshift_stereo::checkLag(pair.arrival.toSec() - pair.stamp.toSec(),
-                                    std::max(period, ClockLimits::kTransport), "record time");
+  Findings found = cortshift_stereo::checkLag("The stamp of the pair", pair.arrival.toSec() - pair.stamp.toSec(),
+                                              std::max(period, ClockLimits::kTransport), "record time");
+  constexpr double kBeside = 0.5;  // [s]
+  std::vector<double> lags;
+  for (const BagEntry& entry : bag_.entries({kTf}, shifted(pair.arrival, -kBeside), shifted(pair.arrival, kBeside)))
+    for (const auto& sample : bag_.read<tf2_msgs::TFMessage>(entry)->transforms)
+      lags.push_back(entry.time.toSec() - sample.header.stamp.toSec());
+  if (lags.empty()) return found;
+  const auto middle = lags.begin() + static_cast<std::ptrdiff_t>(lags.size() / 2);
+  std::nth_element(lags.begin(), middle, lags.end());
+  found.add(cortshift_stereo::checkLag("The stamp of the poses on /tf", *middle, ClockLimits::kTransport, "record time"));
+  return found;
 }
 
 std::optional<PairPlace> CaseRecording::firstPair() const {

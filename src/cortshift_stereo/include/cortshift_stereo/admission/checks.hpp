@@ -35,6 +35,7 @@ enum class CheckId {
   kPoseJitter,
   kPoseRepeated,
   kPoseStuck,
+  kImageRepeated,
   kPoseMotion,
   // Clocks
   kRecordTime,

@@ -19,10 +19,11 @@ Findings checkStereoEdge(const StereoModel& model, const Eigen::Isometry3d& T_le
 Findings checkSettingKnown(bool known, bool several);
 
 /// The clock that stamped an exposure against the one that noted when the pair came.
+/// @param thing     that is stamped, "The stamp of the pair"
 /// @param lag       [s] came minus exposed
 /// @param most      [s] that the way from the camera may take, at least a period of the pairs
 /// @param clock     whose time it came at, "record time"
-Findings checkLag(double lag, double most, const std::string& clock);
+Findings checkLag(const std::string& thing, double lag, double most, const std::string& clock);
 
 /// Zero is no time of an exposure.
 Findings checkStamp(int64_t stamp_ns);

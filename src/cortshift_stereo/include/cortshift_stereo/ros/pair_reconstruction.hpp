@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "cortshift_stereo/admission/view_memory.hpp"
 #include "cortshift_stereo/averaging/view_frames.hpp"
 #include "cortshift_stereo/rectification/rectifier_selector.hpp"
 #include "cortshift_stereo/ros/pose_source.hpp"
@@ -65,6 +66,10 @@ class PairReconstruction {
   /// @throws PairError, MessageError, CalibrationError, PoseError; see dropReason
   PairSurface operator()(const PairMessages& pair, const PoseSource& poses);
 
+  /// An earlier pair that is not reconstructed: its left image and pose, for what a later one is compared with.
+  /// @throws PairError, MessageError, CalibrationError, PoseError
+  void remember(const PairMessages& pair, const PoseSource& poses);
+
   /// The same judgement without the images, which may be missing: what is accepted with a warning.
   /// @throws PairError, CalibrationError, PoseError
   Findings check(const PairMessages& pair, const PoseSource& poses);
@@ -83,6 +88,7 @@ class PairReconstruction {
   std::optional<StereoModel> stereo_;                       // what they say
   RectifierSelector rectifiers_;
   ViewFrames recent_;
+  ViewMemory views_;
 };
 
 }  // namespace cortshift_stereo

@@ -32,6 +32,7 @@ class CaseCapture {
 
   cortshift_stereo::SurfaceReconstructionParameters parametersAt(const cortshift_stereo::PairMessages& messages) const;
   StageRecord recordOf(const PairPlace& place) const;
+  void rememberEarlier(const PairPlace& place, cortshift_stereo::PairReconstruction& reconstruct) const;
   Captured captureOne(const PlannedCapture& planned) const;
   Captured captureMean(const PlannedCapture& planned) const;
   std::string whyNone(const ros::Time& asked) const;
