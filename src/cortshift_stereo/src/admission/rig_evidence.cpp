@@ -55,7 +55,7 @@ Findings checkLag(const std::string& thing, double lag, double most, const std::
   std::snprintf(text, sizeof text, "lies %.3f s %s its %s (allowed: %.3f s)", std::abs(lag),
                 lag > 0 ? "behind" : "ahead of", clock.c_str(), most);
   found.warn(
-      CheckId::kRecordTime, "The stamp of the pair", text,
+      CheckId::kRecordTime, thing, text,
       "set the clocks of cameras, tracker and recorder by one source; times given to a tool count in record time");
   return found;
 }

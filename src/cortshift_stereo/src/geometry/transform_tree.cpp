@@ -42,7 +42,7 @@ TransformTree::Sample TransformTree::makeSample(const std::string& parent, const
 
 void TransformTree::addFixed(const std::string& parent, const std::string& child, const Eigen::Vector3d& translation,
                              const Eigen::Quaterniond& rotation, std::optional<double> when) {
-  constexpr double kAtOnce = 1.0;  // [s] latched messages of several publishers come together
+  constexpr double kAtOnce = 0.3;  // [s] latched messages of several publishers come together
   Edge& edge = edges_[child];
   const Sample fixed = makeSample(parent, translation, rotation);
   const bool another = edge.fixed && !samePose(*edge.fixed, fixed);

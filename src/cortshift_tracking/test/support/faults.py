@@ -78,6 +78,17 @@ def move(edge, vector):
     t.x, t.y, t.z = t.x + vector[0], t.y + vector[1], t.z + vector[2]
 
 
+def moved_in_time(entries, by):
+    """Stamps and record times alike [s]."""
+    shift = genpy.Duration.from_sec(by)
+    for entry in entries:
+        topic, message, _ = entry
+        for header in [edge.header for edge in message.transforms] if topic in ('/tf', '/tf_static') else [message.header]:
+            header.stamp += shift
+        entry[2] += shift
+    return entries
+
+
 # ---- poses
 
 @fault
@@ -201,7 +212,7 @@ def hand_eye_of_two_publishers(entries, random):
     edge = next(copy.deepcopy(edge) for _, _, edge in edges(entries, 'left_optical', '/tf_static'))
     move(edge, random.uniform(0.001, 0.005) * direction(random))
     first = next(time for time, _, _ in edges(entries, 'left_optical', '/tf_static'))
-    return entries + [['/tf_static', tf2_msgs.msg.TFMessage([edge]), first + genpy.Duration.from_sec(random.uniform(0.01, 0.5))]]
+    return entries + [['/tf_static', tf2_msgs.msg.TFMessage([edge]), first + genpy.Duration.from_sec(random.uniform(0.01, 0.25))]]
 
 
 def infos(entries, side, since=0):
@@ -407,16 +418,7 @@ def tracker_with_its_noise(entries, random):
 
 @variant
 def another_day(entries, random):
-    shift = genpy.Duration.from_sec(float(random.integers(-10000000, 10000000)))
-    for entry in entries:
-        topic, message, _ in [entry]
-        if topic in ('/tf', '/tf_static'):
-            for edge in message.transforms:
-                edge.header.stamp = edge.header.stamp + shift if not edge.header.stamp.is_zero() else edge.header.stamp
-        else:
-            message.header.stamp += shift
-        entry[2] += shift
-    return entries
+    return moved_in_time(entries, float(random.integers(-10000000, 10000000)))
 
 
 @variant

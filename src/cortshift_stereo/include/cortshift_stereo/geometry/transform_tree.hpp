@@ -59,7 +59,7 @@ class TransformTree {
   /// @param history       [s] > 0: how long samples are kept behind the newest of their edge
   TransformTree(double max_pose_gap, double history);
 
-  /// T_parent_child that holds at all times; a later one replaces it. Two different ones within a second are two
+  /// T_parent_child that holds at all times; a later one replaces it. Two different ones at once are two
   /// publishers, of which none is believed until one has spoken again.
   /// @param when  [s] on any steady clock; nothing: not known
   /// `rotation` need not be normalised; beyond 0.1 % it is taken as broken.
