@@ -26,6 +26,12 @@ if(CATKIN_ENABLE_TESTING)
   foreach(test mean replay)
     add_rostest(test/offline/process_bag_${test}.test DEPENDENCIES process_bag shift_tracker)
   endforeach()
+  # Faults in the shipped recording: each kind by name, and at random (label long).
+  foreach(test admission fault_property)
+    catkin_run_tests_target("pytest" ${test} "pytest-${test}.xml"
+      COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-${test}.xml test/offline/${test}_test.py"
+      WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
+  endforeach()
   foreach(test cohort export offline)
     catkin_run_tests_target("pytest" ${test} "pytest-${test}.xml"
       COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-${test}.xml test/${test}/${test}_test.py"

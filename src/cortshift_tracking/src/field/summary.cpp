@@ -73,7 +73,9 @@ std::string toText(const Summary& summary) {
     std::snprintf(angle, sizeof angle, ", gravity to normal %.1f deg", summary.gravity_normal_angle * 180 / M_PI);
     out += angle;
   }
-  return out + "; " + text;
+  out += std::string("; ") + text;
+  for (const std::string& warning : summary.warnings) out += "; WARNING: " + warning;
+  return out;
 }
 
 }  // namespace cortshift_tracking

@@ -1,0 +1,134 @@
+// Which requests make a stage, and what the others are told.
+#include "tracker_node.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+TEST_F(ShiftTrackerNode, TimesOutWithTheReasonOfTheReconstruction) {
+  diagnostic_msgs::DiagnosticArray message;
+  message.status.resize(1);
+  message.status[0].name = "surface_reconstruction: surface";
+  message.status[0].values.resize(2);
+  message.status[0].values[0].key = "last_drop_reason";
+  message.status[0].values[0].value = "no pose of microscope near the stamp";
+  message.status[0].values[1].key = "last_drop_stamp";
+  message.status[0].values[1].value = "12.5";
+  diagnostics.publish(message);
+  ros::WallDuration(0.3).sleep();
+  const auto response = capture("never");
+  EXPECT_FALSE(response.success);
+  holds(response.message, "'never'");
+  holds(response.message, "/surface/points");
+  holds(response.message, "no pose of microscope near the stamp");
+  holds(response.message, "12.5");
+  EXPECT_TRUE(list().empty());
+}
+
+TEST_F(ShiftTrackerNode, RefusesBadKeysAtOnce) {
+  const ros::WallTime begin = ros::WallTime::now();
+  for (const std::string& key : {std::string(), std::string("a b"), std::string("../x"), std::string(65, 'k'),
+                                 std::string("caf\xc3\xa9"), std::string("n\0l", 3)}) {
+    const auto response = capture(key);
+    EXPECT_FALSE(response.success) << key;
+    holds(response.message, "1-64 of A-Z a-z 0-9 _ -");
+  }
+  EXPECT_LT((ros::WallTime::now() - begin).toSec(), 1.9);  // none waited for a surface
+  EXPECT_TRUE(list().empty());
+}
+
+TEST_F(ShiftTrackerNode, MalformedSurfacesAreNamedAndSurvived) {
+  auto cloud = cloudOf(rest, ros::Time::now());
+  cloud.data.resize(cloud.data.size() / 2);
+  publish(cloud);
+  auto other_frame = cloudOf(rest, ros::Time::now());
+  other_frame.header.frame_id = "map";
+  publish(other_frame);
+  const auto response = capture("malformed");
+  EXPECT_FALSE(response.success);
+  holds(response.message, "its frame is 'map', not pmr");
+  bool reported = false;
+  for (int i = 0; i < 30 && !reported; ++i) {
+    const auto array = latched<diagnostic_msgs::DiagnosticArray>("/diagnostics");
+    for (const auto& status : array->status)
+      reported |= status.name == "shift_tracker: surfaces" && status.level == diagnostic_msgs::DiagnosticStatus::ERROR;
+  }
+  EXPECT_TRUE(reported);
+
+  auto empty = rest;
+  empty.points = cv::Mat(rest.points.size(), CV_32FC3, cv::Scalar::all(std::nan("")));
+  publish(cloudOf(empty, ros::Time::now()));
+  const auto nothing = capture("empty");
+  EXPECT_FALSE(nothing.success);
+  holds(nothing.message, "too few connected points");
+}
+
+TEST_F(ShiftTrackerNode, TakesARecentSurfaceAndRefusesAnOldOne) {
+  publish(cloudOf(rest, ros::Time::now() - ros::Duration(10)));
+  EXPECT_FALSE(capture("old").success);
+  const ros::Time stamp = ros::Time::now();
+  publish(cloudOf(rest, stamp));
+  const auto response = capture("now", "after opening");
+  ASSERT_TRUE(response.success) << response.message;
+  EXPECT_EQ(response.stage.key, "now");
+  EXPECT_EQ(response.stage.note, "after opening");
+  EXPECT_EQ(response.stage.stamp, stamp);
+  EXPECT_EQ(response.stage.valid_points, 360U * 270U);
+  EXPECT_DOUBLE_EQ(response.stage.coverage, 1.0);
+  EXPECT_TRUE(std::isnan(response.stage.settings.magnification));
+  EXPECT_NEAR(response.stage.camera_pose.position.x, camera.T_pmr_camera.translation()[0], 1e-9);
+
+  const auto again = capture("now");
+  EXPECT_FALSE(again.success);
+  holds(again.message, "'now' exists already");
+  ASSERT_EQ(list().size(), 1U);
+}
+
+TEST_F(ShiftTrackerNode, ASurfaceThatArrivesWhileTheRequestWaits) {
+  ros::WallDuration(2.5).sleep();  // what other tests published is too old by now
+  ros::AsyncSpinner spinner(1);
+  spinner.start();
+  const ros::Time asked = ros::Time::now();
+  ros::NodeHandle node;
+  const ros::WallTimer during = node.createWallTimer(
+      ros::WallDuration(0.7), [](const ros::WallTimerEvent&) { surfaces.publish(cloudOf(rest, ros::Time::now())); },
+      true);
+  const auto response = capture("waited");
+  ASSERT_TRUE(response.success) << response.message;
+  EXPECT_GE(response.stage.stamp, asked - ros::Duration(2.0));
+}
+
+TEST_F(ShiftTrackerNode, TheKeyOfTheMrIsNotForCaptures) {
+  publish(cloudOf(rest, ros::Time::now()));
+  const auto response = capture("pmr");
+  EXPECT_FALSE(response.success);
+  holds(response.message, "'pmr' stands for the preoperative MR");
+  EXPECT_TRUE(list().empty());
+}
+
+TEST_F(ShiftTrackerNode, DeletesOnlyWhatIsThere) {
+  publish(cloudOf(rest, ros::Time::now()));
+  ASSERT_TRUE(capture("one").success);
+  ASSERT_TRUE(capture("two").success);
+  cortshift_msgs::DeleteStage service;
+  service.request.key = "nine";
+  ASSERT_TRUE(ros::service::call("/shift_tracker/delete_stage", service));
+  EXPECT_FALSE(service.response.success);
+  holds(service.response.message, "there are: one, two");
+  service.request.key = "one";
+  ASSERT_TRUE(ros::service::call("/shift_tracker/delete_stage", service));
+  EXPECT_TRUE(service.response.success);
+  ASSERT_EQ(list().size(), 1U);
+  EXPECT_EQ(list()[0].key, "two");
+  EXPECT_TRUE(capture("one").success);  // the key is free again, and comes after "two" now
+  EXPECT_EQ(list()[1].key, "one");
+}
+
+}  // namespace
+}  // namespace cortshift_tracking
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "test_shift_tracker");
+  const ros::NodeHandle keep_alive;
+  return RUN_ALL_TESTS();
+}
