@@ -27,7 +27,7 @@ install(TARGETS ${PROJECT_NAME}_igtl ${PROJECT_NAME}_igtl_ros igtl_bridge
   LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION} RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 
 if(CATKIN_ENABLE_TESTING)
-  cortshift_test(igtl_test gmock quick 120 LIBRARIES ${PROJECT_NAME}_igtl FILES
+  cortshift_test(igtl_test gmock quick 300 LIBRARIES ${PROJECT_NAME}_igtl FILES
     test/igtl/endpoint_test.cpp test/igtl/mesh_test.cpp test/igtl/request_test.cpp test/igtl/space_test.cpp
     test/igtl/tool_board_test.cpp test/igtl/wire_test.cpp)
   target_include_directories(igtl_test PRIVATE SYSTEM ${OpenIGTLink_INCLUDE_DIRS})
@@ -38,5 +38,5 @@ if(CATKIN_ENABLE_TESTING)
   target_include_directories(igtl_fuzz_test PRIVATE include SYSTEM ${EIGEN3_INCLUDE_DIRS} ${OpenIGTLink_INCLUDE_DIRS})
   target_compile_options(igtl_fuzz_test PRIVATE -fsanitize=address,undefined -fno-sanitize-recover=all)
 
-  cortshift_test(igtl_bridge_test rostest graph 600 FILES test/igtl/igtl_bridge.test DEPENDS igtl_bridge)
+  cortshift_test(igtl_bridge_test rostest graph 900 FILES test/igtl/igtl_bridge.test DEPENDS igtl_bridge)
 endif()

@@ -24,10 +24,10 @@ install(TARGETS ${PROJECT_NAME}_offline LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   foreach(test mean replay)
-    cortshift_test(process_bag_${test}_test rostest graph 300 FILES test/offline/process_bag_${test}.test
+    cortshift_test(process_bag_${test}_test rostest graph 900 FILES test/offline/process_bag_${test}.test
       DEPENDS process_bag shift_tracker)
   endforeach()
   foreach(test cohort export offline)
-    cortshift_test(${test}_test pytest long 900 FILES test/${test}/${test}_test.py DEPENDS process_bag recompute validate_bag)
+    cortshift_test(${test}_test pytest long 1200 FILES test/${test}/${test}_test.py DEPENDS process_bag recompute validate_bag)
   endforeach()
 endif()

@@ -6,7 +6,7 @@
 #          pytest: FILES are Python; ENVIRONMENT is set for them.
 #          rostest: FILES are a launch file and, for a test in C++, the sources of the executable NAME.
 # LABEL    quick: no graph, a few seconds; graph: needs a ROS master, one runs at a time; long: no graph, but slow.
-# SECONDS  after which the test and all that it started are killed: about ten times what it takes on two idle cores.
+# SECONDS  after which the test and all that it started are killed: far above what it takes, since others may load the machine.
 # DEPENDS  what must be built first.
 #
 # cortshift_flow exports this file, since it is the package that every other one knows.
