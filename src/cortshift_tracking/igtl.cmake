@@ -38,5 +38,7 @@ if(CATKIN_ENABLE_TESTING)
   target_include_directories(igtl_fuzz_test PRIVATE include SYSTEM ${EIGEN3_INCLUDE_DIRS} ${OpenIGTLink_INCLUDE_DIRS})
   target_compile_options(igtl_fuzz_test PRIVATE -fsanitize=address,undefined -fno-sanitize-recover=all)
 
-  cortshift_test(igtl_bridge_test rostest graph 900 FILES test/igtl/igtl_bridge.test DEPENDS igtl_bridge)
+  foreach(test field tools peers)
+    cortshift_test(igtl_${test}_test rostest graph 900 FILES test/igtl/igtl_${test}.test DEPENDS igtl_bridge)
+  endforeach()
 endif()

@@ -4,6 +4,7 @@ import os
 import sys
 import tempfile
 import time
+import unittest
 
 import numpy as np
 import rospy
@@ -18,7 +19,7 @@ from igtl_bridge import (LPS_OF_RAS, MICROMETRE, BridgeTest, apply, cloud, field
                          rotation)
 
 
-class IgtlField(BridgeTest):
+class IgtlField(BridgeTest, unittest.TestCase):
     def test_landmark_from_tracker_to_client(self):
         T_reference_pmr_mm = pose_mm([3, -1, 2], 0.8, [120.5, -43.25, 17.125])  # patient in LPS
         T_reference_microscope_mm = pose_mm([-1, 2, 0.5], -1.1, [-35.5, 210.75, 260.0])

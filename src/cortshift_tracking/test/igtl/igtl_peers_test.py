@@ -6,6 +6,7 @@ import re
 import socket
 import sys
 import time
+import unittest
 
 import numpy as np
 import rostest
@@ -16,7 +17,7 @@ from igtl_bridge import MICROMETRE, Bridge, BridgeTest, Tracker, field, pose_mm 
 from igtl_messages import Raw, String, Transform  # noqa: E402
 
 
-class IgtlPeers(BridgeTest):
+class IgtlPeers(BridgeTest, unittest.TestCase):
     def test_hostile_peers_disturb_nobody(self):
         """10 000 random, truncated and mutated messages while another client works."""
         seed = random.Random(1169)

@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+import unittest
 
 import numpy as np
 import rospy
@@ -18,7 +19,7 @@ from igtl_client import Port  # noqa: E402
 from igtl_messages import Command, GetStatus, Position, Status, String, TrackingData  # noqa: E402
 
 
-class IgtlTools(BridgeTest):
+class IgtlTools(BridgeTest, unittest.TestCase):
     def test_tools_in_every_message_type(self):
         matrix = pose_mm([1, 1, 2], 0.6, [5, 6, 7])
         since = len(self.transforms)

@@ -5,7 +5,6 @@ import subprocess
 import tempfile
 import threading
 import time
-import unittest
 
 import numpy as np
 import rospkg
@@ -161,7 +160,7 @@ class Tracker:
         self._thread.join()
 
 
-class BridgeTest(unittest.TestCase):
+class BridgeTest:
     """One bridge for the tests of a class, with a client, and what it publishes."""
 
     @classmethod
