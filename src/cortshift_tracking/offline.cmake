@@ -24,7 +24,8 @@ install(TARGETS ${PROJECT_NAME}_offline LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   foreach(test mean replay)
-    add_rostest(test/offline/process_bag_${test}.test DEPENDENCIES process_bag shift_tracker)
+    cortshift_test(process_bag_${test}_test rostest graph 900 FILES test/offline/process_bag_${test}.test
+      DEPENDS process_bag shift_tracker)
   endforeach()
   # Faults in the shipped recording: each kind by name, and at random (label long).
   foreach(test admission fault_property)
@@ -33,8 +34,6 @@ if(CATKIN_ENABLE_TESTING)
       WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
   endforeach()
   foreach(test cohort export offline)
-    catkin_run_tests_target("pytest" ${test} "pytest-${test}.xml"
-      COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-${test}.xml test/${test}/${test}_test.py"
-      WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
+    cortshift_test(${test}_test pytest long 1200 FILES test/${test}/${test}_test.py DEPENDS process_bag recompute validate_bag)
   endforeach()
 endif()
