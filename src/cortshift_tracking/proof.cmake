@@ -13,6 +13,9 @@ if(CATKIN_ENABLE_TESTING)
   catkin_run_tests_target("pytest" house "pytest-house.xml"
     COMMAND "env CORTSHIFT_BUILD=${CMAKE_BINARY_DIR} ${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-house.xml test/house_test.py"
     WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
+  catkin_run_tests_target("pytest" script "pytest-script.xml"
+    COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-script.xml test/script/check_benchmark_test.py test/script/mutate_test.py"
+    WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
   add_rostest(test/probe/probe_node.test)
   add_rostest(test/graph/demo_case.test DEPENDENCIES shift_tracker field_error)
 endif()
