@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "cortshift_flow/flow.hpp"
+#include "polish/spline_grid.hpp"
 
 namespace cortshift_flow {
 namespace {
