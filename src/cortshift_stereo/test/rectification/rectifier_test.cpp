@@ -41,7 +41,7 @@ TEST(Rectifier, ReadsRampsBetweenPixelsWithoutAGrid) {
   for (int y = 0; y < kSize.height; ++y)
     for (int x = 0; x < kSize.width; ++x)
       image.at<cv::Vec3b>(y, x) = cv::Vec3b(static_cast<uint8_t>(x), static_cast<uint8_t>(y), static_cast<uint8_t>(20));
-  for (const cv::Vec2d shift : {cv::Vec2d(0, 0), cv::Vec2d(0.25, 0.5), cv::Vec2d(-3.015, 2.73)}) {
+  for (const cv::Vec2d& shift : {cv::Vec2d(0, 0), cv::Vec2d(0.25, 0.5), cv::Vec2d(-3.015, 2.73)}) {
     const RectifiedPair pair = Rectifier(shiftedBy(shift)).rectify(image, image);
     for (const cv::Point p : {cv::Point(40, 30), cv::Point(90, 60), cv::Point(121, 77)}) {
       const double x = p.x - shift[0], y = p.y - shift[1];
