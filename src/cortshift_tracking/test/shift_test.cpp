@@ -143,6 +143,18 @@ TEST_F(Shift, ChannelsAreChosenWithAPredictionToo) {
   EXPECT_GT(errors.coverage, 0.6);
 }
 
+// Larger than what is searched after the first looks: the last one finds it only if it is told the whole of it.
+TEST_F(Shift, AMotionAsWideAsTheSearchIsFound) {
+  const auto aside = [](double, double) { return Eigen::Vector3d(0.005, -0.003, 0); };
+  const PinholeCamera wide = scene.cameraAt(0.3, 0, 0, 0, {360, 300}, 0.036);
+  const auto earlier = scene.see(wide, AnalyticScene::atRest()), later = scene.see(wide, aside);
+  const ShiftResult result = computeShift(earlier, later, directions(earlier));
+  const Errors errors = errorsOf(result, scene, AnalyticScene::atRest(), aside);
+  EXPECT_LT(errors.median, 0.00002);
+  EXPECT_LT(errors.p95, 0.0001);
+  EXPECT_GT(errors.coverage, 0.5);
+}
+
 TEST_F(Shift, OwnPointsAgreeWithTheField) {
   ShiftSettings settings;
   settings.with_own_points = true;
