@@ -3,9 +3,9 @@
 #include <cerrno>
 #include <fstream>
 
-#include "case_folder.hpp"
+#include "case/case_folder.hpp"
+#include "case/failing_disk.hpp"
 #include "cortshift_tracking/case/durable_file.hpp"
-#include "failing_disk.hpp"
 
 namespace cortshift_tracking {
 namespace {

@@ -13,10 +13,10 @@
 #include <random>
 #include <set>
 
-#include "case_folder.hpp"
+#include "case/case_folder.hpp"
+#include "case/failing_disk.hpp"
+#include "case/stage_samples.hpp"
 #include "cortshift_tracking/error.hpp"
-#include "failing_disk.hpp"
-#include "stage_samples.hpp"
 
 namespace cortshift_tracking {
 namespace {

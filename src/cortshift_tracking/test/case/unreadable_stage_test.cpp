@@ -1,11 +1,11 @@
 // A stage whose file cannot be read just now is no damaged stage.
 #include <cerrno>
 
-#include "case_folder.hpp"
+#include "case/case_folder.hpp"
+#include "case/failing_disk.hpp"
+#include "case/stage_samples.hpp"
 #include "cortshift_tracking/case/patient_registration.hpp"
 #include "cortshift_tracking/ros/stage_shift.hpp"
-#include "failing_disk.hpp"
-#include "stage_samples.hpp"
 
 namespace cortshift_tracking {
 namespace {

@@ -24,18 +24,6 @@ TEST_F(ShiftTrackerNode, TimesOutWithTheReasonOfTheReconstruction) {
   EXPECT_TRUE(list().empty());
 }
 
-TEST_F(ShiftTrackerNode, RefusesBadKeysAtOnce) {
-  const ros::WallTime begin = ros::WallTime::now();
-  for (const std::string& key : {std::string(), std::string("a b"), std::string("../x"), std::string(65, 'k'),
-                                 std::string("caf\xc3\xa9"), std::string("n\0l", 3)}) {
-    const auto response = capture(key);
-    EXPECT_FALSE(response.success) << key;
-    holds(response.message, "1-64 of A-Z a-z 0-9 _ -");
-  }
-  EXPECT_LT((ros::WallTime::now() - begin).toSec(), 1.9);  // none waited for a surface
-  EXPECT_TRUE(list().empty());
-}
-
 TEST_F(ShiftTrackerNode, MalformedSurfacesAreNamedAndSurvived) {
   auto cloud = cloudOf(rest, ros::Time::now());
   cloud.data.resize(cloud.data.size() / 2);
@@ -97,38 +85,5 @@ TEST_F(ShiftTrackerNode, ASurfaceThatArrivesWhileTheRequestWaits) {
   EXPECT_GE(response.stage.stamp, asked - ros::Duration(2.0));
 }
 
-TEST_F(ShiftTrackerNode, TheKeyOfTheMrIsNotForCaptures) {
-  publish(cloudOf(rest, ros::Time::now()));
-  const auto response = capture("pmr");
-  EXPECT_FALSE(response.success);
-  holds(response.message, "'pmr' stands for the preoperative MR");
-  EXPECT_TRUE(list().empty());
-}
-
-TEST_F(ShiftTrackerNode, DeletesOnlyWhatIsThere) {
-  publish(cloudOf(rest, ros::Time::now()));
-  ASSERT_TRUE(capture("one").success);
-  ASSERT_TRUE(capture("two").success);
-  cortshift_msgs::DeleteStage service;
-  service.request.key = "nine";
-  ASSERT_TRUE(ros::service::call("/shift_tracker/delete_stage", service));
-  EXPECT_FALSE(service.response.success);
-  holds(service.response.message, "there are: one, two");
-  service.request.key = "one";
-  ASSERT_TRUE(ros::service::call("/shift_tracker/delete_stage", service));
-  EXPECT_TRUE(service.response.success);
-  ASSERT_EQ(list().size(), 1U);
-  EXPECT_EQ(list()[0].key, "two");
-  EXPECT_TRUE(capture("one").success);  // the key is free again, and comes after "two" now
-  EXPECT_EQ(list()[1].key, "one");
-}
-
 }  // namespace
 }  // namespace cortshift_tracking
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "test_shift_tracker");
-  const ros::NodeHandle keep_alive;
-  return RUN_ALL_TESTS();
-}

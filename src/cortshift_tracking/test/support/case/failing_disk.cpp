@@ -1,4 +1,4 @@
-#include "failing_disk.hpp"
+#include "case/failing_disk.hpp"
 
 #include <sys/syscall.h>
 #include <unistd.h>
