@@ -1,19 +1,15 @@
 #include "cortshift_stereo/admission/checks.hpp"
 
-#include <cstdio>
 #include <stdexcept>
 
+#include "cortshift_flow/text.hpp"
 #include "cortshift_stereo/admission/limits.hpp"
 #include "cortshift_stereo/admission/pair_quality.hpp"
 
 namespace cortshift_stereo {
 namespace {
 
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
-}
+std::string number(double value) { return cortshift_flow::formatted("%.4g", value); }
 
 const char* const kPairDoors = "reconstruction, process_bag, recompute, reconstruct_pair";
 const char* const kRigDoors = "reconstruction, process_bag, recompute, validate_bag";

@@ -2,20 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 #include <vector>
 
+#include "cortshift_flow/text.hpp"
+
 namespace cortshift_stereo {
 namespace {
 
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
+using cortshift_flow::shortNumber;
 
 double standardDeviation(const cv::Mat& image) {
   cv::Scalar mean, deviation;
@@ -93,18 +90,18 @@ Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const
   const std::string image = "The " + side + " image";
   if (quality.contrast < limits.min_contrast)
     found.refuse(CheckId::kBlank, image,
-                 "is blank (contrast " + number(quality.contrast) + " grey levels, at least " +
-                     number(limits.min_contrast) + " are needed)",
+                 "is blank (contrast " + shortNumber(quality.contrast) + " grey levels, at least " +
+                     shortNumber(limits.min_contrast) + " are needed)",
                  "check the light, the exposure and the beam splitter");
   if (quality.saturated_share > limits.max_saturated_share)
     found.refuse(CheckId::kSaturated, image,
-                 "is saturated (" + number(100 * quality.saturated_share) + " % of its pixels, at most " +
-                     number(100 * limits.max_saturated_share) + " % are allowed)",
+                 "is saturated (" + shortNumber(100 * quality.saturated_share) + " % of its pixels, at most " +
+                     shortNumber(100 * limits.max_saturated_share) + " % are allowed)",
                  "lower the exposure or the light");
   if (quality.sharpness < limits.min_sharpness)
     found.refuse(CheckId::kDefocused, image,
-                 "is out of focus (sharpness " + number(quality.sharpness) + ", at least " +
-                     number(limits.min_sharpness) + " is needed)",
+                 "is out of focus (sharpness " + shortNumber(quality.sharpness) + ", at least " +
+                     shortNumber(limits.min_sharpness) + " is needed)",
                  "focus the microscope");
   return found;
 }

@@ -5,11 +5,11 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <exception>
 #include <type_traits>
 #include <utility>
 
+#include "cortshift_flow/text.hpp"
 #include "cortshift_stereo/admission/rig_evidence.hpp"
 #include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
@@ -17,20 +17,12 @@
 namespace cortshift_stereo {
 namespace {
 
-std::string text(double value) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%.4g", value);
-  return out;
-}
+std::string text(double value) { return cortshift_flow::formatted("%.4g", value); }
 
-std::string text(const ros::Time& stamp) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%u.%09u", stamp.sec, stamp.nsec);
-  return out;
-}
+std::string text(const ros::Time& stamp) { return cortshift_flow::formatted("%u.%09u", stamp.sec, stamp.nsec); }
 
 constexpr std::size_t kImagesKept = 8;                  // of each side: a surface is made within a few periods
-constexpr std::chrono::milliseconds kLateSetting{200};  // topics do not overtake one another by more
+constexpr std::chrono::milliseconds kLateInput{200};  // topics do not overtake one another by more
 
 /// Image topics that somebody publishes and this node does not listen to.
 std::string otherImages(const std::vector<ros::Subscriber>& own) {
@@ -56,7 +48,7 @@ ros::Subscriber SurfaceReconstruction::subscribe(const std::string& topic, Side 
   return node_.subscribe<Message>(topic, kQueue, [this, side](const boost::shared_ptr<const Message>& message) {
     if constexpr (std::is_same_v<Message, sensor_msgs::CameraInfo>) {
       const std::lock_guard<std::mutex> lock(input_mutex_);
-      infos_[static_cast<std::size_t>(side)] = message;
+      infos_[static_cast<std::size_t>(side)].add(message);
       input_arrived_.notify_all();
     } else if constexpr (std::is_same_v<Message, sensor_msgs::Image>) {
       receive(side, message->header.stamp, {message, nullptr});
@@ -274,14 +266,14 @@ PairSurface SurfaceReconstruction::reconstruct(PairMessages messages, const Pose
     } catch (...) {
       refusal = std::current_exception();
     }
-    const auto setting_changed = [&] { return settings_.at(messages.stamp) != messages.settings; };
     std::unique_lock<std::mutex> lock(input_mutex_);
-    if (refusal) input_arrived_.wait_for(lock, kLateSetting, [&] { return stop_ || setting_changed(); });
-    if (stop_ || !setting_changed()) {
+    bool changed = refresh(messages);
+    if (refusal)
+      input_arrived_.wait_for(lock, kLateInput, [&] { return stop_ || changed || (changed = refresh(messages)); });
+    if (stop_ || !changed) {
       if (refusal) std::rethrow_exception(refusal);
       return *surface;
     }
-    messages.settings = settings_.at(messages.stamp);
   }
 }
 
@@ -289,8 +281,21 @@ PairMessages SurfaceReconstruction::gather(const Synchroniser::Pair& pair, const
   std::unique_lock<std::mutex> lock(input_mutex_);
   const auto deadline =
       std::chrono::steady_clock::now() + std::chrono::duration<double>(parameters_.calibration_timeout);
-  input_arrived_.wait_until(lock, deadline, [this] { return stop_ || (infos_[0] && infos_[1]); });
-  return {stamp, pair.left, pair.right, infos_[0], infos_[1], settings_.at(stamp)};
+  input_arrived_.wait_until(lock, deadline, [this] { return stop_ || !(infos_[0].empty() || infos_[1].empty()); });
+  PairMessages messages{stamp, pair.left, pair.right, {}, {}, {}};
+  refresh(messages);
+  return messages;
+}
+
+bool SurfaceReconstruction::refresh(PairMessages& messages) const {
+  const auto same = [](const sensor_msgs::CameraInfoConstPtr& a, const sensor_msgs::CameraInfoConstPtr& b) {
+    return a && b ? sameCalibration(*a, *b) : a == b;
+  };
+  const PairMessages before =
+      std::exchange(messages, {messages.stamp, messages.left, messages.right, infos_[0].at(messages.stamp),
+                               infos_[1].at(messages.stamp), settings_.at(messages.stamp)});
+  return !same(before.left_info, messages.left_info) || !same(before.right_info, messages.right_info) ||
+         before.settings != messages.settings;
 }
 
 void SurfaceReconstruction::drop(const DropReason& why, const ros::Time& stamp) {

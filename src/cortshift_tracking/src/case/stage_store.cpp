@@ -23,7 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 
 const char* const kLockName = ".lock";
-const std::regex kStageName("([0-9]{4,9})_([A-Za-z0-9_-]{1,64})_([0-9a-f]{8})\\.bag");
+const std::regex kStageName(std::string("([0-9]{4,9})_(") + kKeyPattern + ")_([0-9a-f]{8})\\.bag");
 
 std::string stageName(unsigned number, const std::string& key, std::uint32_t crc) {
   char text[96];

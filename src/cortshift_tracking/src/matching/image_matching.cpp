@@ -5,10 +5,10 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "cortshift_flow/range.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/trust/agreement.hpp"
 #include "matching/flow_targets.hpp"
-#include "range.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -234,11 +234,11 @@ double partOf(const cv::Mat& settled, const Pair& pair) {
 void ImageMatchingSettings::validate() const {
   if (channels != "auto" && channels != "rgb" && channels != "green" && channels != "blue" && channels != "luminance")
     throw TrackingError("channels = '" + channels + "' is not allowed; allowed is auto, rgb, green, blue or luminance");
-  requireRange("detail", detail, 0.5, 100.0);
-  requireRange("bend", bend, 0.01, 1000.0);
-  requireRange("search", search, 0.001, 0.05);
-  requireRange("coarse_resolution", coarse_resolution, 0.00005, 0.002);
-  requireRange("coarse_rounds", coarse_rounds, 0, 10);
+  cortshift_flow::requireRange<TrackingError>("detail", detail, 0.5, 100.0);
+  cortshift_flow::requireRange<TrackingError>("bend", bend, 0.01, 1000.0);
+  cortshift_flow::requireRange<TrackingError>("search", search, 0.001, 0.05);
+  cortshift_flow::requireRange<TrackingError>("coarse_resolution", coarse_resolution, 0.00005, 0.002);
+  cortshift_flow::requireRange<TrackingError>("coarse_rounds", coarse_rounds, 0, 10);
   flow.validate();
 }
 

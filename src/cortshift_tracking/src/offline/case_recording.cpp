@@ -1,19 +1,16 @@
 #include "cortshift_tracking/offline/case_recording.hpp"
 
 #include <tf2_msgs/TFMessage.h>
-#include <yaml-cpp/yaml.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <set>
 
 #include "cortshift_stereo/admission/limits.hpp"
 #include "cortshift_stereo/admission/pair_synchroniser.hpp"
 #include "cortshift_stereo/admission/rig_evidence.hpp"
-#include "cortshift_stereo/ros/settings_history.hpp"
 #include "cortshift_stereo/ros/shifted_time.hpp"
+#include "cortshift_stereo/ros/stamped_history.hpp"
 #include "cortshift_tracking/case/patient_registration.hpp"
 
 namespace cortshift_tracking {
@@ -43,56 +40,7 @@ bool compressed(const std::string& topic) {
   return topic.size() > 11 && topic.substr(topic.size() - 11) == "/compressed";
 }
 
-template <std::size_t n>
-std::array<double, n> numbers(const YAML::Node& entry, const char* key, const std::string& where) {
-  std::array<double, n> out{};
-  const YAML::Node list = entry[key];
-  bool good = list.IsSequence() && list.size() == n;
-  for (std::size_t i = 0; good && i < n; ++i)
-    good = YAML::convert<double>::decode(list[i], out[i]) && std::isfinite(out[i]);
-  if (!good) throw TrackingError(where + ": " + key + " must be " + std::to_string(n) + " numbers");
-  return out;
-}
-
-geometry_msgs::TransformStamped transformFromYaml(const YAML::Node& entry, const std::string& where) {
-  std::set<std::string> keys;
-  if (entry.IsMap())
-    for (const auto& pair : entry) keys.insert(pair.first.as<std::string>());
-  if (keys != std::set<std::string>{"parent", "child", "translation", "rotation"})
-    throw TrackingError(where + ": needs exactly the keys child, parent, rotation, translation");
-  geometry_msgs::TransformStamped out;
-  out.header.frame_id = entry["parent"].as<std::string>();
-  out.child_frame_id = entry["child"].as<std::string>();
-  const std::string edge = where + " (" + out.header.frame_id + " -> " + out.child_frame_id + ")";
-  const auto t = numbers<3>(entry, "translation", edge);
-  const auto q = numbers<4>(entry, "rotation", edge);
-  const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-  if (!(std::abs(norm - 1) <= 1e-4))
-    throw TrackingError(edge + ": rotation has length " + std::to_string(norm) + ", not 1");
-  out.transform.translation.x = t[0];
-  out.transform.translation.y = t[1];
-  out.transform.translation.z = t[2];
-  out.transform.rotation.x = q[0];
-  out.transform.rotation.y = q[1];
-  out.transform.rotation.z = q[2];
-  out.transform.rotation.w = q[3];
-  return out;
-}
-
 }  // namespace
-
-std::vector<geometry_msgs::TransformStamped> readStaticTransforms(const std::string& path) {
-  try {
-    const YAML::Node root = YAML::LoadFile(path);
-    if (!root.IsSequence() || root.size() == 0) throw TrackingError(path + ": expected a list of transforms");
-    std::vector<geometry_msgs::TransformStamped> out;
-    for (std::size_t i = 0; i < root.size(); ++i)
-      out.push_back(transformFromYaml(root[i], path + ": transform " + std::to_string(i + 1)));
-    return out;
-  } catch (const YAML::Exception& error) {
-    throw TrackingError(path + " cannot be read as a list of transforms: " + error.what());
-  }
-}
 
 const std::vector<std::string>& CaseRecording::topics() {
   static const std::vector<std::string> all = [] {
@@ -269,13 +217,17 @@ PairMessages CaseRecording::known(const PairPlace& pair) const {
 }
 
 sensor_msgs::CameraInfoConstPtr CaseRecording::infoOf(const std::string& topic, const PairPlace& pair) const {
-  for (const BagEntry& entry :
-       bag_.entries({topic}, shifted(pair.arrival, -kInfoReach), shifted(pair.arrival, kInfoReach)))
+  std::vector<BagEntry> near =
+      bag_.entries({topic}, shifted(pair.arrival, -kInfoReach), shifted(pair.arrival, kInfoReach));
+  for (const BagEntry& entry : near)
     if (bag_.stampOf(entry) == pair.stamp) return bag_.read<sensor_msgs::CameraInfo>(entry);
+  // None of this very exposure: the one in force, as in the node.
   const auto before = bag_.lastBefore(topic, pair.arrival);
-  if (!before.empty()) return bag_.read<sensor_msgs::CameraInfo>(before.front());
-  const auto after = bag_.entries({topic}, pair.arrival, shifted(pair.arrival, parameters_.calibration_timeout));
-  return after.empty() ? nullptr : bag_.read<sensor_msgs::CameraInfo>(after.front());
+  if (!before.empty() && (near.empty() || before.front() < near.front())) near.insert(near.begin(), before.front());
+  if (near.empty()) near = bag_.entries({topic}, pair.arrival, shifted(pair.arrival, parameters_.calibration_timeout));
+  cortshift_stereo::StampedHistory<sensor_msgs::CameraInfo> history;
+  for (const BagEntry& entry : near) history.add(bag_.read<sensor_msgs::CameraInfo>(entry));
+  return history.at(pair.stamp);
 }
 
 cortshift_msgs::MicroscopeSettingsConstPtr CaseRecording::settingsOf(const ros::Time& stamp,
@@ -283,7 +235,7 @@ cortshift_msgs::MicroscopeSettingsConstPtr CaseRecording::settingsOf(const ros::
   constexpr std::size_t kChanges = 16;  // reported late or out of order
   std::vector<BagEntry> entries = bag_.lastBefore(kSettings, arrival, kChanges);
   std::sort(entries.begin(), entries.end());
-  cortshift_stereo::SettingsHistory history;
+  cortshift_stereo::StampedHistory<cortshift_msgs::MicroscopeSettings> history;
   for (const BagEntry& entry : entries) history.add(bag_.read<cortshift_msgs::MicroscopeSettings>(entry));
   return history.at(stamp);
 }

@@ -8,6 +8,7 @@
 #include <regex>
 
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/case/stage_record.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/field/summary.hpp"
@@ -18,8 +19,8 @@ namespace cortshift_tracking {
 namespace fs = std::filesystem;
 
 CaseFiles findCase(const fs::path& folder) {
-  const std::regex stage("[0-9]{4,9}_[A-Za-z0-9_-]{1,64}_[0-9a-f]{8}\\.bag"),
-      field("[A-Za-z0-9_-]+__[A-Za-z0-9_-]+\\.bag");
+  const std::string key = kKeyPattern;
+  const std::regex stage("[0-9]{4,9}_" + key + "_[0-9a-f]{8}\\.bag"), field(key + "__" + key + "\\.bag");
   if (!fs::is_directory(folder)) throw TrackingError(folder.string() + ": no such folder; give the folder of a case");
   CaseFiles found;
   for (const fs::path& place : {folder, folder / "stages"}) {

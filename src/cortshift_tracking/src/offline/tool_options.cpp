@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "cortshift_stereo/provenance.hpp"
+#include "cortshift_stereo/ros/static_transforms.hpp"
 #include "cortshift_tracking/offline/case_plan.hpp"
 
 namespace cortshift_tracking {
@@ -43,7 +44,7 @@ std::unique_ptr<CaseRecording> recordingFrom(const Options& options, const Offli
   const auto static_tf = options.find("static-tf");
   return std::make_unique<CaseRecording>(
       options.required("CASE.bag"), parameters.reconstruction,
-      static_tf ? readStaticTransforms(*static_tf) : std::vector<geometry_msgs::TransformStamped>());
+      static_tf ? cortshift_stereo::readStaticTransforms(*static_tf) : std::vector<geometry_msgs::TransformStamped>());
 }
 
 }  // namespace cortshift_tracking

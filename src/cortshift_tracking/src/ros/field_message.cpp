@@ -51,6 +51,18 @@ cortshift_msgs::ShiftSummary toMessage(const Summary& summary, const std::string
   return message;
 }
 
+Summary summaryFromMessage(const cortshift_msgs::ShiftSummary& message) {
+  Summary summary;
+  summary.valid_points = message.valid_points;
+  summary.overlap = message.overlap;
+  summary.magnitude = {message.magnitude_mean, message.magnitude_sd};
+  summary.gravity = {message.gravity_mean, message.gravity_sd};
+  summary.normal = {message.normal_mean, message.normal_sd};
+  summary.lateral = {message.lateral_mean, message.lateral_sd};
+  summary.gravity_normal_angle = message.gravity_normal_angle;
+  return summary;
+}
+
 cortshift_msgs::DisplacementField toMessage(const DisplacementField& field, const Summary& summary,
                                             const cortshift_msgs::StageInfo& from,
                                             const cortshift_msgs::StageInfo& to) {

@@ -24,7 +24,7 @@
 #include "cortshift_stereo/ros/clock_watch.hpp"
 #include "cortshift_stereo/ros/pair_reconstruction.hpp"
 #include "cortshift_stereo/ros/pose_lookup.hpp"
-#include "cortshift_stereo/ros/settings_history.hpp"
+#include "cortshift_stereo/ros/stamped_history.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
 
 namespace cortshift_stereo {
@@ -66,8 +66,11 @@ class SurfaceReconstruction {
   void process(const Synchroniser::Pair& pair, const ros::Time& stamp);
   /// Pair and what is known of cameras and microscope by now.
   PairMessages gather(const Synchroniser::Pair& pair, const ros::Time& stamp);
-  /// The surface under the setting at the time of the pair. A setting travels on a topic of its own and may arrive
-  /// after the pair: what was made or refused under an older one is done again.
+  /// Puts in what is in force at the stamp as far as it has come. With input_mutex_ held.
+  /// @return whether that says something else than what was there
+  bool refresh(PairMessages& messages) const;
+  /// The surface under the calibration and setting in force at the time of the pair. They travel on topics of their own
+  /// and may arrive after the pair: what was made or refused under older ones is done again.
   PairSurface reconstruct(PairMessages messages, const PoseSource& poses);
   cortshift_msgs::SurfaceStatus statusOf(const std_msgs::Header& header, const std::vector<std::string>& warnings);
   void requireOneContent(const ros::Time& stamp);
@@ -85,8 +88,8 @@ class SurfaceReconstruction {
   std::condition_variable input_arrived_;
   Synchroniser synchroniser_;
   std::optional<Synchroniser::Pair> newest_;
-  sensor_msgs::CameraInfoConstPtr infos_[2];
-  SettingsHistory settings_;
+  StampedHistory<sensor_msgs::CameraInfo> infos_[2];
+  StampedHistory<cortshift_msgs::MicroscopeSettings> settings_;
   struct Received {
     ImageMessage image;  // raw and compressed of one stamp together
     ros::Time time;

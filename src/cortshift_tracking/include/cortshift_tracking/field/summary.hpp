@@ -43,7 +43,10 @@ struct Summary {
 Summary summarise(const DisplacementField& field, double overlap, const Eigen::Vector3d& first_normal_pmr,
                   const std::optional<Eigen::Vector3d>& gravity_pmr);
 
-/// The summary as lines of text for people, in millimetres, degrees and seconds.
+/// What was found, as one line for people: millimetres, degrees.
+std::string describe(const Summary& summary);
+
+/// The same and how long it took [s].
 std::string toText(const Summary& summary);
 
 }  // namespace cortshift_tracking

@@ -8,7 +8,7 @@
 
 #include "cortshift_stereo/ros/pair_reconstruction.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
-#include "cortshift_tracking/offline/bag_file.hpp"
+#include "cortshift_tracking/offline/bag/bag_file.hpp"
 
 namespace cortshift_tracking {
 
@@ -18,10 +18,6 @@ struct PairPlace {
   ros::Time arrival;  ///< when the later of the two was recorded
   BagEntry left, right;
 };
-
-/// Transforms of a YAML file as `publish_static_tf` reads it: a list of {parent, child, translation: [x, y, z] in
-/// metres, rotation: [x, y, z, w]}. @throws TrackingError naming the entry and what is wrong with it
-std::vector<geometry_msgs::TransformStamped> readStaticTransforms(const std::string& path);
 
 /// Finds by the index and reads only what is asked for. Not synchronised.
 class CaseRecording {
