@@ -123,8 +123,8 @@ Findings checkSameImage(const cv::Mat& raw, const cv::Mat& decompressed, const s
   const double rms = cv::norm(a, b, cv::NORM_L2) / std::sqrt(static_cast<double>(3 * a.total()));
   if (rms > kLoss)
     found.refuse(CheckId::kRawAndCompressed, thing,
-                 "have one stamp and differ by " + number(rms) + " grey levels (compression alone: at most " +
-                     number(kLoss) + ")",
+                 "have one stamp and differ by " + shortNumber(rms) + " grey levels (compression alone: at most " +
+                     shortNumber(kLoss) + ")",
                  remedy);
   return found;
 }

@@ -60,6 +60,7 @@ Summary summaryFromMessage(const cortshift_msgs::ShiftSummary& message) {
   summary.normal = {message.normal_mean, message.normal_sd};
   summary.lateral = {message.lateral_mean, message.lateral_sd};
   summary.gravity_normal_angle = message.gravity_normal_angle;
+  summary.warnings = message.warnings;
   return summary;
 }
 
