@@ -36,9 +36,7 @@ if(CATKIN_ENABLE_TESTING)
   endforeach()
   # Faults in the shipped recording: each kind by name, and at random (label long).
   foreach(test admission fault_property)
-    catkin_run_tests_target("pytest" ${test} "pytest-${test}.xml"
-      COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-${test}.xml test/offline/${test}_test.py"
-      WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
+    cortshift_test(${test}_test pytest long 1200 FILES test/offline/${test}_test.py DEPENDS process_bag validate_bag recompute)
   endforeach()
   foreach(test cohort export offline)
     cortshift_test(${test}_test pytest long 1200 FILES test/${test}/${test}_test.py DEPENDS process_bag recompute validate_bag)
