@@ -52,7 +52,7 @@ def test_field_is_right(recorded):
     output, _ = run_tool('field_error', '--case', recorded[1], '--from', cases.STAGES[0], '--to', cases.STAGES[1],
                          os.path.join(recorded[2], FIELD))
     error = {name: float(value) for name, value in (line.split(': ') for line in output.splitlines())}
-    # Measured: 0.132 / 0.490 mm and 96 %; a pixel is 2.4 mm of height here, and sulci are narrower than it.
+    # Measured: 0.132 / 0.490 mm and 96 %; a pixel of disparity is 3 mm of height here.
     assert error['error_median_mm'] < 0.2 and error['error_p95_mm'] < 0.75 and error['coverage'] > 0.9
 
 
