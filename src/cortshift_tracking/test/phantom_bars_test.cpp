@@ -101,7 +101,7 @@ INSTANTIATE_TEST_SUITE_P(Heads, PhantomBars,
                                                           Bar{"shift_clean", "shift_20_mm", 0.049, 0.215, 2.4, 0.93},
                                                           Bar{"shift_disturbed", "bleeding", 0.037, 0.145, 3.5, 0.97},
                                                           Bar{"shift_disturbed", "resection", 0.037, 0.145, 1.5, 0.96},
-                                                          Bar{"shift_disturbed", "retractor", 0.034, 0.125, 1.5, 0.94},
+                                                          Bar{"shift_disturbed", "retractor", 0.034, 0.12, 1.5, 0.935},
                                                           Bar{"shift_wet", "highlights", 0.064, 0.25, 1.4, 0.85})));
 
 /// After the shifts above, which it judges together.
@@ -115,7 +115,7 @@ TEST_P(ConfidenceOfShifts, SaysHowOftenVectorsAreRight) {
     ASSERT_GT(vectors, 200);
     const double said = bin.confidence / vectors, right = static_cast<double>(bin.right) / vectors;
     std::printf("head %u: said %.3f, right %.3f, %.0f vectors\n", GetParam(), said, right, vectors);
-    EXPECT_GT(right, said - 0.1);
+    EXPECT_GT(right, said - 0.05);  // measured: 0.03 less at most
     if (said > 0.95) EXPECT_GT(right, 0.99);
     EXPECT_LT(right, said + 0.25) << "vectors that could be trusted are not";
   }
