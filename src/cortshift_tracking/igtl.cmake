@@ -4,21 +4,29 @@ find_package(OpenIGTLink REQUIRED)
 # Core: no ROS.
 set(igtl_sources
   src/igtl/compose.cpp
+  src/igtl/connection.cpp
   src/igtl/endpoint.cpp
   src/igtl/mesh.cpp
+  src/igtl/outbox.cpp
   src/igtl/request.cpp
+  src/igtl/sockets.cpp
   src/igtl/space.cpp
   src/igtl/tool_board.cpp
   src/igtl/vtk_file.cpp
   src/igtl/wire.cpp)
 add_library(${PROJECT_NAME}_igtl ${igtl_sources})
 target_include_directories(${PROJECT_NAME}_igtl
-  PUBLIC include SYSTEM PUBLIC ${EIGEN3_INCLUDE_DIRS} PRIVATE ${OpenIGTLink_INCLUDE_DIRS})
+  PUBLIC include PRIVATE src SYSTEM PUBLIC ${EIGEN3_INCLUDE_DIRS} PRIVATE ${cortshift_flow_INCLUDE_DIRS} ${OpenIGTLink_INCLUDE_DIRS})
 target_link_libraries(${PROJECT_NAME}_igtl ${OpenIGTLink_LIBRARIES} pthread)
 
-add_library(${PROJECT_NAME}_igtl_ros src/ros/igtl_conversion.cpp)
+add_library(${PROJECT_NAME}_igtl_ros
+  src/ros/bridge/bridge.cpp
+  src/ros/bridge/bridge_parameters.cpp
+  src/ros/bridge/graph_sender.cpp
+  src/ros/bridge/igtl_conversion.cpp
+  src/ros/bridge/request_worker.cpp)
 target_include_directories(${PROJECT_NAME}_igtl_ros PUBLIC include SYSTEM PUBLIC ${catkin_INCLUDE_DIRS})
-target_link_libraries(${PROJECT_NAME}_igtl_ros ${PROJECT_NAME}_igtl ${catkin_LIBRARIES})
+target_link_libraries(${PROJECT_NAME}_igtl_ros ${PROJECT_NAME}_igtl ${PROJECT_NAME}_ros ${catkin_LIBRARIES})
 add_dependencies(${PROJECT_NAME}_igtl_ros ${catkin_EXPORTED_TARGETS})
 
 add_executable(igtl_bridge src/nodes/igtl_bridge_node.cpp)
@@ -35,7 +43,8 @@ if(CATKIN_ENABLE_TESTING)
   # Hostile bytes, once more with every memory access watched.
   cortshift_test(igtl_fuzz_test gmock quick 300 FILES test/igtl/fuzz_test.cpp ${igtl_sources}
     LIBRARIES ${OpenIGTLink_LIBRARIES} -fsanitize=address,undefined pthread)
-  target_include_directories(igtl_fuzz_test PRIVATE include SYSTEM ${EIGEN3_INCLUDE_DIRS} ${OpenIGTLink_INCLUDE_DIRS})
+  target_include_directories(igtl_fuzz_test
+    PRIVATE include src SYSTEM ${EIGEN3_INCLUDE_DIRS} ${cortshift_flow_INCLUDE_DIRS} ${OpenIGTLink_INCLUDE_DIRS})
   target_compile_options(igtl_fuzz_test PRIVATE -fsanitize=address,undefined -fno-sanitize-recover=all)
 
   foreach(test field tools peers)

@@ -90,7 +90,7 @@ class IgtlField(BridgeTest, unittest.TestCase):
         self.assertTrue((texture.pixels[0][hole] == 0).all())
 
         text = self.client.expect('ShiftSummary').string
-        self.assertIn('dura_open -> resected: magnitude 6.10 +- 1.20 mm, along gravity unknown', text)
+        self.assertIn('dura_open -> resected: magnitude 6.10 +- 1.20 mm, along gravity not known', text)
         values = self.client.expect('ShiftSummaryValues').values
         self.assertEqual(len(values), 12)
         self.assertLess(np.abs(values[[0, 1, 2, 6, 11]] - [12, 0.9, 6.1, -5, 0.7]).max(), 1e-9)

@@ -118,7 +118,6 @@ def test_rviz_view_shows_cloud_arrows_and_axes():
 def test_static_tf_refuses(tmp_path, text, complaint):
     file = tmp_path / 'static.yaml'
     file.write_text(text)
-    script = ROOT / 'src/cortshift_stereo/scripts/publish_static_tf'
-    result = subprocess.run([str(script), str(file)], capture_output=True, text=True, timeout=60)
+    result = subprocess.run(find_node('cortshift_stereo', 'publish_static_tf')[:1] + [str(file)], capture_output=True, text=True, timeout=60)
     assert result.returncode == 1
     assert complaint in result.stderr and str(file) in result.stderr

@@ -1,10 +1,12 @@
-#include "cortshift_tracking/ros/igtl_conversion.hpp"
+#include "cortshift_tracking/ros/bridge/igtl_conversion.hpp"
 
 #include <cmath>
 #include <cstring>
 #include <iomanip>
 #include <sstream>
 #include <stdexcept>
+
+#include "cortshift_tracking/ros/field_message.hpp"
 
 namespace cortshift_tracking::igt {
 namespace {
@@ -43,13 +45,6 @@ Eigen::Vector3f colourAt(const std::uint8_t* point, int offset) {
   return Eigen::Vector3f(static_cast<float>(packed >> 16 & 0xff), static_cast<float>(packed >> 8 & 0xff),
                          static_cast<float>(packed & 0xff)) /
          255.0F;
-}
-
-std::string millimetres(double mean, double sd) {
-  if (!std::isfinite(mean)) return "unknown";
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(2) << kMmPerMetre * mean << " +- " << kMmPerMetre * sd << " mm";
-  return text.str();
 }
 
 }  // namespace
@@ -108,15 +103,8 @@ Eigen::Matrix4d textureMatrix(const cortshift_msgs::DisplacementField& field, co
   return matrix_mm;
 }
 
-std::string summaryText(const cortshift_msgs::ShiftSummary& summary) {
-  std::ostringstream text;
-  text << summary.from_key << " -> " << summary.to_key << ": magnitude "
-       << millimetres(summary.magnitude_mean, summary.magnitude_sd) << ", along gravity "
-       << millimetres(summary.gravity_mean, summary.gravity_sd) << ", along normal "
-       << millimetres(summary.normal_mean, summary.normal_sd) << ", lateral "
-       << millimetres(summary.lateral_mean, summary.lateral_sd) << ", " << summary.valid_points << " points, overlap "
-       << std::lround(100 * summary.overlap) << " %";
-  return text.str();
+std::string summaryText(const cortshift_msgs::ShiftSummary& message) {
+  return message.from_key + " -> " + message.to_key + ": " + describe(summaryFromMessage(message));
 }
 
 std::vector<double> summaryValues(const cortshift_msgs::ShiftSummary& s) {

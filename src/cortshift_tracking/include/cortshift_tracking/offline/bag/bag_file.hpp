@@ -8,16 +8,24 @@
 #include <boost/make_shared.hpp>
 #include <cstdint>
 #include <filesystem>
-#include <list>
 #include <map>
-#include <optional>
+#include <memory>
 #include <string>
 #include <tuple>
 #include <vector>
 
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/offline/bag/checked_stream.hpp"
 
 namespace cortshift_tracking {
+
+namespace bag {
+class BagRecords;
+class BagIndex;
+struct Chunk;
+}  // namespace bag
+
+extern const char* const kDamagedBagRemedy;  ///< what to do, at the end of a sentence
 
 struct BagTopic {
   std::string name, type, md5sum;
@@ -41,8 +49,8 @@ struct BagEntry {
 /// each chunk (usually 768 kB or more), one uncompressed chunk at a time, and messages are read one by one.
 ///
 /// A bag without an index (it was not closed, or is cut) is walked through from chunk to chunk; what its last chunk
-/// lacks is left out and said in remarks(). Chunks may overlap in time and messages may stand in any order. Neither
-/// copied nor changed. Not synchronised.
+/// lacks is left out and said in remarks(). A length, count or place that does not fit the file is never followed.
+/// Chunks may overlap in time and messages may stand in any order. Neither copied nor changed. Not synchronised.
 class BagFile {
  public:
   /// @param wanted  topics whose messages may be asked for, at most 64
@@ -53,23 +61,23 @@ class BagFile {
   BagFile& operator=(const BagFile&) = delete;
 
   const std::filesystem::path& path() const { return path_; }
-  std::uint64_t size() const { return size_; }
+  std::uint64_t size() const;
 
   /// Times of the first and the last message of any topic. @throws TrackingError for a bag without messages
   ros::Time begin() const;
   ros::Time end() const;
 
   /// Everything in the bag, wanted or not.
-  const std::vector<BagTopic>& topics() const { return topics_; }
+  const std::vector<BagTopic>& topics() const;
 
   /// Messages of `name` in the whole bag.
   std::uint64_t messages(const std::string& name) const;
 
   /// How its chunks are compressed: none, bz2, lz4, each with their number.
-  const std::map<std::string, std::uint64_t>& compressions() const { return compressions_; }
+  const std::map<std::string, std::uint64_t>& compressions() const;
 
   /// What is wrong with the file and was worked around.
-  const std::vector<std::string>& remarks() const { return remarks_; }
+  const std::vector<std::string>& remarks() const;
 
   /// Messages of wanted topics recorded within [from, to], in order of time.
   std::vector<BagEntry> entries(const std::vector<std::string>& names, const ros::Time& from,
@@ -78,7 +86,7 @@ class BagFile {
   /// The last `count` messages of a wanted topic not recorded after `time`, the latest first.
   std::vector<BagEntry> lastBefore(const std::string& name, const ros::Time& time, std::size_t count = 1) const;
 
-  const std::string& topicOf(const BagEntry& entry) const { return topics_[entry.topic].name; }
+  const std::string& topicOf(const BagEntry& entry) const;
 
   /// Stamp in the header of a message that begins with one. @throws TrackingError
   ros::Time stampOf(const BagEntry& entry) const;
@@ -90,9 +98,9 @@ class BagFile {
     std::string bytes = message(entry, kWhole);
     auto out = boost::make_shared<Message>();
     try {
-      ros::serialization::IStream stream(reinterpret_cast<std::uint8_t*>(&bytes[0]),
-                                         static_cast<std::uint32_t>(bytes.size()));
+      CheckedStream stream(reinterpret_cast<std::uint8_t*>(&bytes[0]), static_cast<std::uint32_t>(bytes.size()));
       ros::serialization::deserialize(stream, *out);
+      if (stream.getLength() != 0) throw TrackingError("bytes are left over");
     } catch (const std::exception& error) {
       refuse(entry, error.what());
     }
@@ -102,64 +110,18 @@ class BagFile {
  private:
   static constexpr std::uint32_t kWhole = 0xffffffff;
 
-  struct Connection {
-    std::size_t topic = 0;
-    std::optional<unsigned> bit;  // of the chunks' mask; none: not wanted
-  };
-  struct Chunk {
-    std::uint64_t position = 0;
-    ros::Time begin, end;
-    std::uint64_t mask = 0;  // wanted topics in it
-  };
-  struct ChunkHead {
-    std::uint64_t data = 0;    // place of the data in the file
-    std::uint32_t stored = 0;  // bytes there
-    std::uint32_t size = 0;    // bytes uncompressed
-    std::string compression;
-  };
-  struct ChunkIndex {
-    std::uint32_t connection = 0;
-    std::uint64_t data = 0;
-    std::uint32_t data_size = 0;
-  };
-  struct Record {
-    std::map<std::string, std::string> fields;
-    std::uint64_t data = 0;
-    std::uint32_t data_size = 0;
-
-    std::uint64_t next() const { return data + data_size; }
-  };
-
-  std::string bytes(std::uint64_t position, std::uint64_t count) const;
-  Record record(std::uint64_t position) const;
-  ChunkHead chunkHead(std::uint64_t position) const;
-  void readHeader();
-  bool readIndex(std::uint64_t position, std::uint32_t connections, std::uint32_t chunks);
-  void walk();
-  void addConnection(const Record& head, const std::string& data);
-  void scanChunk(const ChunkHead& head, Chunk& chunk);
-  std::vector<ChunkIndex> indexRecords(const ChunkHead& head) const;
-  void indexOfChunk(const Chunk& chunk, std::uint64_t mask, const ros::Time& from, const ros::Time& to,
+  void indexOfChunk(const bag::Chunk& chunk, std::uint64_t mask, const ros::Time& from, const ros::Time& to,
                     std::vector<BagEntry>& out) const;
-  const std::string& uncompressed(std::uint64_t chunk) const;
   std::string message(const BagEntry& entry, std::uint32_t at_most) const;
   void requireType(const BagEntry& entry, const std::string& type, const std::string& md5sum) const;
   std::uint64_t maskOf(const std::vector<std::string>& names) const;
+  double secondsIn(const ros::Time& time) const;  // since the bag's begin
   [[noreturn]] void refuse(const BagEntry& entry, const std::string& reason) const;
 
   std::filesystem::path path_;
   std::vector<std::string> wanted_;
-  int file_ = -1;
-  std::uint64_t size_ = 0;
-  std::uint64_t first_record_ = 0;
-  std::map<std::uint32_t, Connection> connections_;
-  std::vector<BagTopic> topics_;
-  std::vector<Chunk> chunks_;  // in the order of the file
-  ros::Time begin_, end_;
-  std::map<std::string, std::uint64_t> compressions_;
-  std::vector<std::string> remarks_;
-  // Compressed messages of one chunk are often asked for together; a pair may lie across two.
-  mutable std::list<std::pair<std::uint64_t, std::string>> cache_;
+  std::unique_ptr<bag::BagRecords> records_;
+  std::unique_ptr<bag::BagIndex> index_;
 };
 
 }  // namespace cortshift_tracking
