@@ -3,19 +3,20 @@ catkin_python_setup()
 catkin_install_python(PROGRAMS scripts/case_report scripts/digital_phantom scripts/probe scripts/register_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
-  set(PROOF_TESTS mr/mr mr/dicom mr/admission mr/cross_section digital_phantom probe/probe report/validation report/left_out report/report mr/phantom_mr)
-  list(TRANSFORM PROOF_TESTS REPLACE "(.+)" "test/\\1_test.py")
-  list(JOIN PROOF_TESTS " " PROOF_TESTS)
-  catkin_run_tests_target("pytest" proof "pytest-proof.xml"
-    COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-proof.xml ${PROOF_TESTS}"
-    WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
+  foreach(test mr/mr mr/dicom mr/cross_section probe/probe report/validation report/left_out report/report)
+    get_filename_component(name ${test}_test NAME)
+    cortshift_test(${name} pytest quick 300 FILES test/${test}_test.py)
+  endforeach()
+  cortshift_test(mr_admission_test pytest quick 300 FILES test/mr/admission_test.py)
+  foreach(test digital_phantom mr/phantom_mr)
+    get_filename_component(name ${test}_test NAME)
+    cortshift_test(${name} pytest long 1200 FILES test/${test}_test.py)
+  endforeach()
+  cortshift_test(probe_node_test rostest graph 900 FILES test/probe/probe_node.test)
+  cortshift_test(demo_case_test rostest graph 900 FILES test/graph/demo_case.test DEPENDS shift_tracker field_error)
   # The order of the house: who includes whom, sizes, names, and that each test is run by what CMake wrote.
-  catkin_run_tests_target("pytest" house "pytest-house.xml"
-    COMMAND "env CORTSHIFT_BUILD=${CMAKE_BINARY_DIR} ${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-house.xml test/house_test.py"
-    WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
-  catkin_run_tests_target("pytest" script "pytest-script.xml"
-    COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-script.xml test/script/check_benchmark_test.py test/script/mutate_test.py"
-    WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
-  add_rostest(test/probe/probe_node.test)
-  add_rostest(test/graph/demo_case.test DEPENDENCIES shift_tracker field_error)
+  cortshift_test(house_test pytest quick 300 FILES test/house_test.py ENVIRONMENT CORTSHIFT_BUILD=${CMAKE_BINARY_DIR})
+  foreach(test check_benchmark mutate)
+    cortshift_test(${test}_test pytest quick 300 FILES test/script/${test}_test.py)
+  endforeach()
 endif()
