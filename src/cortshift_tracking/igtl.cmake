@@ -35,25 +35,19 @@ install(TARGETS ${PROJECT_NAME}_igtl ${PROJECT_NAME}_igtl_ros igtl_bridge
   LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION} RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 
 if(CATKIN_ENABLE_TESTING)
-  catkin_add_gtest(igtl_test
+  cortshift_test(igtl_test gmock quick 300 LIBRARIES ${PROJECT_NAME}_igtl FILES
     test/igtl/endpoint_test.cpp test/igtl/mesh_test.cpp test/igtl/request_test.cpp test/igtl/space_test.cpp
     test/igtl/tool_board_test.cpp test/igtl/wire_test.cpp)
   target_include_directories(igtl_test PRIVATE SYSTEM ${OpenIGTLink_INCLUDE_DIRS})
-  target_link_libraries(igtl_test ${PROJECT_NAME}_igtl ${GTEST_MAIN_LIBRARIES})
 
   # Hostile bytes, once more with every memory access watched.
-  catkin_add_gtest(igtl_fuzz_test test/igtl/fuzz_test.cpp ${igtl_sources})
+  cortshift_test(igtl_fuzz_test gmock quick 300 FILES test/igtl/fuzz_test.cpp ${igtl_sources}
+    LIBRARIES ${OpenIGTLink_LIBRARIES} -fsanitize=address,undefined pthread)
   target_include_directories(igtl_fuzz_test
     PRIVATE include src SYSTEM ${EIGEN3_INCLUDE_DIRS} ${cortshift_flow_INCLUDE_DIRS} ${OpenIGTLink_INCLUDE_DIRS})
   target_compile_options(igtl_fuzz_test PRIVATE -fsanitize=address,undefined -fno-sanitize-recover=all)
-  target_link_libraries(igtl_fuzz_test ${OpenIGTLink_LIBRARIES} -fsanitize=address,undefined ${GTEST_MAIN_LIBRARIES} pthread)
 
-  # The independent client is fetched with the build where that is possible; if not, the test tries again and fails.
-  set(igtl_venv ${CATKIN_DEVEL_PREFIX}/share/${PROJECT_NAME}/igtl_venv)
-  add_custom_target(igtl_venv
-    COMMAND ${PYTHON_EXECUTABLE} ${CMAKE_CURRENT_SOURCE_DIR}/test/support/igtl_environment.py ${igtl_venv} || ${CMAKE_COMMAND} -E true)
-  if(TARGET tests)
-    add_dependencies(tests igtl_venv)
-  endif()
-  add_rostest(test/igtl/igtl_bridge.test DEPENDENCIES igtl_bridge)
+  foreach(test field tools peers)
+    cortshift_test(igtl_${test}_test rostest graph 900 FILES test/igtl/igtl_${test}.test DEPENDS igtl_bridge)
+  endforeach()
 endif()

@@ -106,6 +106,29 @@ Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const
   return found;
 }
 
+Findings checkSameImage(const cv::Mat& raw, const cv::Mat& decompressed, const std::string& side) {
+  Findings found;
+  const std::string thing = "The raw and the compressed image of the " + side + " camera";
+  const std::string remedy = "two sources publish under one name; stop the one that is wrong";
+  if (raw.size() != decompressed.size()) {
+    found.refuse(CheckId::kRawAndCompressed, thing, "have one stamp and different sizes", remedy);
+    return found;
+  }
+  // Blocks of 8 pixels are what JPEG keeps best: at quality 50 their means stay within 2 grey levels.
+  constexpr double kLoss = 4;  // [grey levels] root mean square
+  cv::Mat a, b, difference;
+  const cv::Size blocks(std::max(1, raw.cols / 8), std::max(1, raw.rows / 8));
+  cv::resize(raw, a, blocks, 0, 0, cv::INTER_AREA);
+  cv::resize(decompressed, b, blocks, 0, 0, cv::INTER_AREA);
+  const double rms = cv::norm(a, b, cv::NORM_L2) / std::sqrt(static_cast<double>(3 * a.total()));
+  if (rms > kLoss)
+    found.refuse(CheckId::kRawAndCompressed, thing,
+                 "have one stamp and differ by " + shortNumber(rms) + " grey levels (compression alone: at most " +
+                     shortNumber(kLoss) + ")",
+                 remedy);
+  return found;
+}
+
 EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Mat& disparity,
                                          const Rectifier& rectifier) {
   const cv::Mat &left = pair.left_sharp, &right = pair.right_sharp;

@@ -64,7 +64,9 @@ std::string describe(const Summary& summary) {
                     ", along the normal " + millimetres(summary.normal) + ", lateral " + millimetres(summary.lateral);
   if (!std::isnan(summary.gravity_normal_angle))
     out += cortshift_flow::formatted(", gravity to normal %.1f deg", summary.gravity_normal_angle * 180 / M_PI);
-  return out + cortshift_flow::formatted("; %zu points, overlap %.0f %%", summary.valid_points, 1e2 * summary.overlap);
+  out += cortshift_flow::formatted("; %zu points, overlap %.0f %%", summary.valid_points, 1e2 * summary.overlap);
+  for (const std::string& warning : summary.warnings) out += "; WARNING: " + warning;
+  return out;
 }
 
 std::string toText(const Summary& summary) {

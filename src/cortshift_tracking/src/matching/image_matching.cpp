@@ -306,7 +306,12 @@ FlowResult matchProjections(const Projection& earlier, const Projection& later, 
   }
   const Pair pair = pairAt(1);
   const FlowResult result = look(pair, guess, domain, rounds <= 0, settings);
-  if (rounds <= 0) return result;
+  if (rounds <= 0) {
+    // No first look has chosen the channels, as when the flow of the moment before leads: tissue may bleed since.
+    if (settings.channels != "auto" || partOf(settledMask(pair, result), pair) >= kFollowed) return result;
+    channels = chooseChannels(earlier, later, earlier_usable, later_usable, settings);
+    return channels == "rgb" ? result : look(pairAt(1), guess, domain, true, settings);
+  }
   // Where the coarse grid gave a wrong start, the settled vectors around it give a better one; and the domain now
   // includes tissue that has settled since.
   const cv::Mat settled = settledMask(pair, result);

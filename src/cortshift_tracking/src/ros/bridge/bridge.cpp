@@ -1,5 +1,6 @@
 #include "cortshift_tracking/ros/bridge/bridge.hpp"
 
+#include "cortshift_tracking/case/same_registration.hpp"
 #include "cortshift_tracking/igtl/compose.hpp"
 #include "cortshift_tracking/ros/bridge/igtl_conversion.hpp"
 
@@ -73,10 +74,10 @@ void Bridge::publishPose(const TrackedPose& pose) {
   }
   // A navigation system repeats its registration all the time; only another one is news.
   if (registration_) {
+    if (sameRegistration(*registration_, pose.T_parent_child)) return;
     const Eigen::Isometry3d change = registration_->inverse() * pose.T_parent_child;
-    const double shift = change.translation().norm(), turn = Eigen::AngleAxisd(change.linear()).angle();
-    if (shift < 1e-6 && turn < 1e-6) return;
-    ROS_WARN_STREAM("the patient registration changed by " << 1000 * shift << " mm and " << turn * 180 / M_PI
+    ROS_WARN_STREAM("the patient registration changed by " << 1000 * change.translation().norm() << " mm and "
+                                                           << Eigen::AngleAxisd(change.linear()).angle() * 180 / M_PI
                                                            << " deg");
   }
   registration_ = pose.T_parent_child;
