@@ -13,7 +13,8 @@ import rostest
 from cortshift_msgs.srv import CaptureMeanStage
 from cortshift_tracking.case.messages import cloud_arrays
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
+SUPPORT = os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support')
+sys.path[:0] = [SUPPORT, os.path.join(SUPPORT, 'mr')]
 from graph import Player, ShiftTracker  # noqa: E402
 from offline_tools import PHANTOM_BAG, PHANTOM_CASE, run_tool  # noqa: E402
 from pcd import read_pcd  # noqa: E402
