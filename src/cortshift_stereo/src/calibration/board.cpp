@@ -9,6 +9,8 @@
 #include <opencv2/imgproc.hpp>
 #include <regex>
 
+#include "cortshift_stereo/geometry/lens.hpp"
+
 namespace cortshift_stereo {
 namespace {
 
@@ -135,6 +137,19 @@ std::optional<Corners> findBoard(const cv::Mat& image, const Board& board) {
   for (std::size_t i = 0; i < corners.size(); ++i)
     if (!(cv::norm(corners[i] - start[i]) <= half_window)) return std::nullopt;  // ran off to something else
   return Corners(corners.begin(), corners.end());
+}
+
+std::optional<cv::Affine3d> locateBoard(const CameraModel& camera, const std::vector<cv::Point3d>& board,
+                                        const Corners& corners) {
+  // In pixels of the same camera without its lens: OpenCV's solver knows no fisheye.
+  Corners straight = directionsOf(camera, corners);
+  for (auto& at : straight) {
+    const cv::Vec3d pixel = camera.K * cv::Vec3d(at.x, at.y, 1);
+    at = {pixel[0], pixel[1]};
+  }
+  cv::Vec3d turn, shift;
+  if (!cv::solvePnP(board, straight, camera.K, cv::noArray(), turn, shift)) return std::nullopt;
+  return cv::Affine3d(turn, shift);
 }
 
 Corners upsideDown(const Corners& corners) { return {corners.rbegin(), corners.rend()}; }

@@ -97,8 +97,7 @@ TEST(Tools, CalibrateHandEyeFromRenderedImages) {
   int number = 0;
   for (const auto& T_left_board : truth.boardPoses(16, random)) {
     const std::string name = "view" + std::to_string(++number) + ".png";
-    cv::imwrite(folder.file(name), cortshift_stereo_phantom::renderBoard(truth.left.size, truth.left.K, truth.left.D,
-                                                                         T_left_board, truth.board));
+    cv::imwrite(folder.file(name), cortshift_stereo_phantom::renderBoard(truth.left, T_left_board, truth.board));
     cv::Affine3d pose = SimulatedHandEye::tracked(truth.microscopePose(T_left_board), 0.05e-3, 0.0003, random);
     if (number == 5) pose = pose.translate(cv::Vec3d(0.01, 0, 0.01));
     const Eigen::Quaterniond q(Eigen::AngleAxisd(
@@ -129,9 +128,10 @@ class RenderedSettings {
     const auto shot = [&](const MicroscopeSetting& setting, const std::string& name) {
       for (const Side side : {Side::kLeft, Side::kRight}) {
         const cv::Affine3d T_camera_board = head_.cameraPose(side, setting).inv() * T_left_board_;
+        const CameraModel camera{head_.size, halfSize(head_.K(side, setting)), LensModel::kPlumbBob,
+                                 head_.D(side, setting)};
         cv::imwrite(folder_.file((side == Side::kLeft ? "left_" : "right_") + name + ".png"),
-                    cortshift_stereo_phantom::renderBoard(head_.size, halfSize(head_.K(side, setting)),
-                                                          head_.D(side, setting), T_camera_board, board_));
+                    cortshift_stereo_phantom::renderBoard(camera, T_camera_board, board_));
       }
     };
     shot(head_.reference, "reference");

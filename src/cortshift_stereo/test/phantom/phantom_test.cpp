@@ -27,9 +27,13 @@ Eigen::Vector3d toEigen(const cv::Vec3d& v) { return {v[0], v[1], v[2]}; }
 /// Projects with OpenCV, which shares no code with the phantom.
 Eigen::Vector2d projectWithOpenCv(const View& view, const Eigen::Vector3d& point_pmr) {
   const Eigen::Vector3d p = view.T_pmr_camera.inverse() * point_pmr;
+  const std::vector<cv::Point3d> point{{p.x(), p.y(), p.z()}};
+  const cv::Vec3d none(0, 0, 0);
   std::vector<cv::Point2d> pixel;
-  cv::projectPoints(std::vector<cv::Point3d>{{p.x(), p.y(), p.z()}}, cv::Vec3d(0, 0, 0), cv::Vec3d(0, 0, 0), view.K,
-                    std::vector<double>(view.D.begin(), view.D.end()), pixel);
+  if (view.lens == cortshift_stereo::LensModel::kEquidistant)
+    cv::fisheye::projectPoints(point, pixel, none, none, view.K, view.D);
+  else
+    cv::projectPoints(point, none, none, view.K, view.D, pixel);
   return {pixel[0].x, pixel[0].y};
 }
 
@@ -239,6 +243,20 @@ TEST(PhantomCameras, rectifiedRowsAgreeAndTriangulateToTheSamePoint) {
     const Eigen::Matrix3d R = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(model.left.R.val);
     const Eigen::Vector3d p_left = R.transpose() * p_rectified;
     EXPECT_LT((scene.view(stage, Side::kLeft).T_pmr_camera * p_left - point).norm(), 0.01 * kMicrometre);
+  }
+}
+
+TEST(PhantomCameras, everyLensIsExact) {
+  for (const auto& [lens, D] :
+       {std::pair(cortshift_stereo::LensModel::kRationalPolynomial,
+                  std::vector<double>{0.5, -0.7, 0.002, -0.001, 0.2, 0.8, -0.4, 0.1}),
+        std::pair(cortshift_stereo::LensModel::kEquidistant, std::vector<double>{-0.2, 0.3, -0.1, 0.05})}) {
+    PhantomCase wide = demoScene().description();
+    wide.cameras.lens = lens;
+    wide.cameras.left_distortion = wide.cameras.right_distortion = D;
+    const PhantomScene scene(wide);
+    expectTruthExact(scene, 1, scene.view(1, Side::kLeft), 200);
+    expectTruthExact(scene, 1, scene.view(1, Side::kRight), 200);
   }
 }
 

@@ -8,6 +8,7 @@
 #include <limits>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <tuple>
 
 namespace cortshift_stereo {
 namespace {
@@ -164,6 +165,32 @@ TEST(Conversions, cameraInfoRoundTrip) {
   EXPECT_NEAR(back.baseline(), 0.025, 1e-15);
 }
 
+TEST(Conversions, everyLensKeepsItsNameAndCoefficients) {
+  StereoModel model = someModel();
+  for (const auto& [lens, name, D] :
+       {std::tuple(LensModel::kRationalPolynomial, "rational_polynomial",
+                   std::vector<double>{0.4, -0.2, 1e-4, -2e-4, 0.3, 0.6, 0.1, -0.05}),
+        std::tuple(LensModel::kEquidistant, "equidistant", std::vector<double>{0.1, 0.02, -0.01, 0.3})}) {
+    model.left.lens = model.right.lens = lens;
+    model.left.D = model.right.D = D;
+    sensor_msgs::CameraInfo left = toCameraInfo(model.left, header());
+    EXPECT_EQ(left.distortion_model, name);
+    EXPECT_EQ(left.D, D);
+    if (lens == LensModel::kRationalPolynomial) left.D.resize(14, 0.0);  // as OpenCV fills up
+    const StereoModel back = stereoModelFromInfo(left, toCameraInfo(model.right, header()));
+    EXPECT_EQ(back.left.lens, lens);
+    EXPECT_EQ(back.left.D, D);
+    EXPECT_EQ(back.right.D, D);
+  }
+  // Zeros are a pinhole in two models, and a fisheye in the third.
+  sensor_msgs::CameraInfo info = toCameraInfo(model.left, header());
+  info.D.assign(4, 0.0);
+  EXPECT_EQ(cameraModelFromInfo(info).lens, LensModel::kEquidistant);
+  info.distortion_model.clear();
+  info.D.clear();
+  EXPECT_EQ(cameraModelFromInfo(info).lens, LensModel::kPlumbBob);
+}
+
 TEST(Conversions, badCalibrationsAreRefusedByName) {
   const sensor_msgs::CameraInfo left = toCameraInfo(someModel().left, header());
   const sensor_msgs::CameraInfo right = toCameraInfo(someModel().right, header());
@@ -185,7 +212,20 @@ TEST(Conversions, badCalibrationsAreRefusedByName) {
   refused("1024x768, right ones 640x768", [](auto& info) { info.width = 640; });
   refused("differ in fx, fy or cy", [](auto& info) { info.P[6] += 1; });
   refused("differ in fx, fy or cy", [](auto& info) { info.P[0] += 1; });
-  refused("equidistant", [](auto& info) { info.distortion_model = "equidistant"; });
+  refused("distortion_model is 'fisheye'; plumb_bob, rational_polynomial and equidistant are supported",
+          [](auto& info) { info.distortion_model = "fisheye"; });
+  refused("distortion_model is 'thin_prism'", [](auto& info) {
+    info.distortion_model = "thin_prism";
+    info.D.assign(5, 0.0);
+  });
+  refused("distortion_model is ''", [](auto& info) { info.distortion_model.clear(); });
+  refused("D has 5 values; equidistant has 4: k1 k2 k3 k4", [](auto& info) { info.distortion_model = "equidistant"; });
+  refused("D has 5 values; rational_polynomial has 8",
+          [](auto& info) { info.distortion_model = "rational_polynomial"; });
+  refused("D has 12 values, as of OpenCV's thin prism model", [](auto& info) {
+    info.distortion_model = "rational_polynomial";
+    info.D.resize(12, 0.1);
+  });
   refused("D has 8", [](auto& info) { info.D.resize(8, 0.1); });
   refused("D is not finite", [](auto& info) { info.D[0] = std::nan(""); });
   refused("binning", [](auto& info) { info.binning_x = 2; });

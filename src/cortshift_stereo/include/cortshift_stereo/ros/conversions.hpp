@@ -34,8 +34,8 @@ sensor_msgs::PointCloud2 toPointCloud2(const Surface& surface, const std_msgs::H
 /// @throws MessageError
 Surface surfaceFromPointCloud2(const sensor_msgs::PointCloud2& cloud);
 
-/// @throws CalibrationError for an uncalibrated camera, binning, a region of interest or another distortion model
-///         than plumb_bob
+/// @throws CalibrationError for an uncalibrated camera, binning, a region of interest, a distortion model that is none
+///         of LensModel, or another number of coefficients than it has
 CameraModel cameraModelFromInfo(const sensor_msgs::CameraInfo& info);
 
 /// Validated pair. @throws CalibrationError

@@ -10,6 +10,7 @@
 #include "calibration/least_squares.hpp"
 #include "calibration/outliers.hpp"
 #include "calibration/rigid.hpp"
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -51,17 +52,16 @@ LocatedView locate(const CameraModel& left, const std::vector<cv::Point3d>& boar
   if (view.corners.size() != board.size())
     throw CalibrationError("view " + view.name + " has " + std::to_string(view.corners.size()) +
                            " corners, the board has " + std::to_string(board.size()) + "; find them again");
-  cv::Vec3d turn, shift;
-  if (!cv::solvePnP(board, view.corners, left.K, left.D, turn, shift))
+  const auto T_left_board = locateBoard(left, board, view.corners);
+  if (!T_left_board)
     throw CalibrationError("view " + view.name + ": no pose of the board fits its corners; take the view out");
-  Corners projected;
-  cv::projectPoints(board, turn, shift, left.K, left.D, projected);
+  const Corners projected = projectPoints(left, board, T_left_board->rvec(), T_left_board->translation());
   double squares = 0;
   for (std::size_t i = 0; i < board.size(); ++i) {
     const cv::Point2d miss = projected[i] - view.corners[i];
     squares += miss.dot(miss);
   }
-  return {view, {turn, shift}, std::sqrt(squares / static_cast<double>(board.size()))};
+  return {view, *T_left_board, std::sqrt(squares / static_cast<double>(board.size()))};
 }
 
 /// None where the method finds no rotation in the views.
@@ -289,8 +289,7 @@ class Refiner {
                                const cv::Affine3d& T_reference_board, const cv::Affine3d& correction) const {
     const cv::Affine3d T_left_board =
         (view.T_reference_microscope * correction * T_microscope_left).inv() * T_reference_board;
-    Corners projected;
-    cv::projectPoints(board_, T_left_board.rvec(), T_left_board.translation(), left_.K, left_.D, projected);
+    const Corners projected = projectPoints(left_, board_, T_left_board.rvec(), T_left_board.translation());
     Eigen::VectorXd misses(2 * static_cast<Eigen::Index>(projected.size()));
     for (std::size_t i = 0; i < projected.size(); ++i)
       misses.segment<2>(2 * static_cast<Eigen::Index>(i)) << projected[i].x - view.corners[i].x,

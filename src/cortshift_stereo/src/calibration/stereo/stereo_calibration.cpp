@@ -8,6 +8,7 @@
 
 #include "calibration/least_squares.hpp"
 #include "calibration/outliers.hpp"
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -118,9 +119,8 @@ Eigen::VectorXd reprojection(const StereoParameters& camera, const std::vector<c
   cv::Vec3d turn_right;
   cv::Rodrigues(camera.R_right_left * rotationOf(turn), turn_right);
   const cv::Vec3d shift_right = camera.R_right_left * shift + camera.t_right_left;
-  Corners left, right;
-  cv::projectPoints(board, turn, shift, camera.K_left, camera.D_left, left);
-  cv::projectPoints(board, turn_right, shift_right, camera.K_right, camera.D_right, right);
+  const Corners left = projectPoints(camera.left(), board, turn, shift);
+  const Corners right = projectPoints(camera.right(), board, turn_right, shift_right);
   const Eigen::Index count = static_cast<Eigen::Index>(board.size());
   Eigen::VectorXd residuals(4 * count);
   for (Eigen::Index i = 0; i < count; ++i) {
@@ -132,9 +132,10 @@ Eigen::VectorXd reprojection(const StereoParameters& camera, const std::vector<c
 
 Eigen::VectorXd fitBoardPose(const StereoParameters& camera, const std::vector<cv::Point3d>& board,
                              const BoardPair& pair) {
-  cv::Vec3d turn, shift;
-  if (!cv::solvePnP(board, pair.left, camera.K_left, camera.D_left, turn, shift))
+  const auto T_left_board = locateBoard(camera.left(), board, pair.left);
+  if (!T_left_board)
     throw CalibrationError("view " + pair.name + ": no pose of the board fits its corners; take the view out");
+  const cv::Vec3d turn = T_left_board->rvec(), shift = T_left_board->translation();
   Eigen::VectorXd start(6);
   start << turn[0], turn[1], turn[2], shift[0], shift[1], shift[2];
   const auto residuals = [&](std::size_t, const Eigen::VectorXd&, const Eigen::VectorXd& pose) {
@@ -155,8 +156,8 @@ struct RectifiedPair {
 
 RectifiedPair reconstructCorners(const StereoModel& model, const BoardPair& pair) {
   RectifiedPair corners;
-  cv::undistortPoints(pair.left, corners.left, model.left.K, model.left.D, model.left.R, model.left.P);
-  cv::undistortPoints(pair.right, corners.right, model.right.K, model.right.D, model.right.R, model.right.P);
+  corners.left = rectifyPoints(model.left, pair.left);
+  corners.right = rectifyPoints(model.right, pair.right);
   const auto& P = model.left.P;
   for (std::size_t i = 0; i < corners.left.size(); ++i) {
     const double depth = depthOfDisparity(model, corners.left[i].x - corners.right[i].x);
@@ -369,8 +370,8 @@ StereoModel rectify(const StereoParameters& parameters) {
   cv::stereoRectify(parameters.K_left, parameters.D_left, parameters.K_right, parameters.D_right, parameters.size,
                     parameters.R_right_left, parameters.t_right_left, R_left, R_right, P_left, P_right, Q, 0,
                     kKeepScale);
-  StereoModel model{{parameters.size, parameters.K_left, parameters.D_left, R_left, P_left},
-                    {parameters.size, parameters.K_right, parameters.D_right, R_right, P_right}};
+  StereoModel model{{parameters.size, parameters.K_left, parameters.lens, parameters.D_left, R_left, P_left},
+                    {parameters.size, parameters.K_right, parameters.lens, parameters.D_right, R_right, P_right}};
   model.validate();
   return model;
 }

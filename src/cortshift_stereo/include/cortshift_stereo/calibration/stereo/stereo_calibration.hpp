@@ -30,10 +30,15 @@ struct StereoParameters {
   cv::Size size;  ///< of the images of both cameras [px]
   cv::Matx33d K_left = cv::Matx33d::eye();
   cv::Matx33d K_right = cv::Matx33d::eye();
-  std::vector<double> D_left;                     ///< k1 k2 p1 p2 k3
-  std::vector<double> D_right;                    ///< k1 k2 p1 p2 k3
+  LensModel lens = LensModel::kPlumbBob;  ///< of both cameras
+  std::vector<double> D_left;             ///< coefficients of the lens
+  std::vector<double> D_right;
   cv::Matx33d R_right_left = cv::Matx33d::eye();  ///< p_right = R_right_left p_left + t_right_left
   cv::Vec3d t_right_left;                         ///< [m]
+
+  /// The raw cameras, not rectified.
+  CameraModel left() const { return {size, K_left, lens, D_left}; }
+  CameraModel right() const { return {size, K_right, lens, D_right}; }
 };
 
 /// Rectify: the model that reconstruction and ROS's camera_info want. Principal points of verging cameras stay apart.
