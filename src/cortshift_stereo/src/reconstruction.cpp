@@ -46,7 +46,7 @@ void keepWhereBoth(cv::Mat& disparity, const cv::Mat& left_mask, const cv::Mat& 
   });
 }
 
-/// Points only where refinement stayed with the match and knows enough.
+/// Keeps points only where the refined disparity is near the matched one and its expected error is small.
 void keepWhereCertain(cv::Mat& disparity, const cv::Mat& match, const cv::Mat& deviation, double max_deviation) {
   const auto most = static_cast<float>(max_deviation);
   cv::parallel_for_(cv::Range(0, disparity.rows), [&](const cv::Range& rows) {

@@ -39,7 +39,7 @@ struct ReconstructionResult {
 };
 
 /// @param left, right  CV_8UC3 raw images
-/// @throws PairError if the pair cannot give a surface that deserves trust
+/// @throws PairError if the pair cannot give a surface that can be trusted
 ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, const Rectifier& rectifier,
                                  const ReconstructionSettings& settings = {});
 

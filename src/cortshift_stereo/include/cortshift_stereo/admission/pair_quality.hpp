@@ -1,4 +1,4 @@
-// Checks at the door: pairs that cannot give a surface are refused with a reason a person can act on.
+// Checks before reconstruction: pairs that cannot give a surface are refused with a reason a person can act on.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -44,7 +44,7 @@ ImageQuality measureImage(const cv::Mat& image);
 void checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side);
 
 /// Vertical misalignment of corners matched in two dimensions. A swapped or mismatched pair, or a camera that has
-/// moved since its calibration, shows here although rows still match each other somehow.
+/// moved since its calibration, is detected here, although matching along the rows would still find something.
 struct EpipolarResidual {
   int matched = 0;               ///< corners found in both images
   double offset = 0;             ///< [px] median y_right - y_left
