@@ -5,11 +5,11 @@
 #include <filesystem>
 #include <limits>
 #include <opencv2/calib3d.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <regex>
 
 #include "cortshift_stereo/geometry/lens.hpp"
+#include "cortshift_stereo/images/bit_depth.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -116,9 +116,14 @@ bool Board::looksTheSameUpsideDown() const { return (corners.width + corners.hei
 cv::Mat readGreyImage(const std::string& path) {
   if (!std::filesystem::is_regular_file(path))
     throw CalibrationError(path + ": no such image; correct the name or take the view out");
-  cv::Mat image = cv::imread(path, cv::IMREAD_GRAYSCALE);
-  if (image.empty()) throw CalibrationError(path + ": not readable as an image; replace it or take the view out");
-  return image;
+  try {
+    cv::Mat image = readImageFile(path), grey;
+    BitDepth().toEightBits(image);
+    cv::cvtColor(bgrOf(image), grey, cv::COLOR_BGR2GRAY);
+    return grey;
+  } catch (const ImageError& error) {
+    throw CalibrationError(error.what());
+  }
 }
 
 std::optional<Corners> findBoard(const cv::Mat& image, const Board& board) {

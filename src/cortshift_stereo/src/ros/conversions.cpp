@@ -8,10 +8,10 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <opencv2/imgcodecs.hpp>
 #include <optional>
 
 #include "cortshift_stereo/geometry/lens.hpp"
+#include "cortshift_stereo/images/image_file.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -116,7 +116,8 @@ cv::Matx<double, rows, cols> matrix(const Array& values) {
 }
 
 cv::Mat bgrFromCvImage(const cv_bridge::CvImage& image) {
-  cv::Mat bgr = cv_bridge::cvtColor(boost::make_shared<cv_bridge::CvImage>(image), "bgr8")->image;
+  const bool deep = sensor_msgs::image_encodings::bitDepth(image.encoding) == 16;
+  cv::Mat bgr = cv_bridge::cvtColor(boost::make_shared<cv_bridge::CvImage>(image), deep ? "bgr16" : "bgr8")->image;
   if (bgr.empty()) throw MessageError("image: it is empty");
   return bgr;
 }
@@ -255,9 +256,7 @@ cv::Mat bgrFromImage(const sensor_msgs::Image& image) {
 cv::Mat bgrFromImage(const sensor_msgs::CompressedImage& image) {
   try {
     cv_bridge::CvImage decoded;
-    if (!image.data.empty())
-      decoded.image = cv::imdecode(image.data, cv::IMREAD_UNCHANGED | cv::IMREAD_IGNORE_ORIENTATION);
-    if (decoded.image.empty()) throw MessageError("the data are not a png or jpeg file");
+    decoded.image = decodeImage(image.data, "its data");
     // The recorder's format reads "ENCODING; png compressed ..."; a Bayer pattern is stored as a grey image.
     const std::string recorded = image.format.substr(0, image.format.find(';'));
     const std::string depth = decoded.image.depth() == CV_16U ? "16" : "8";

@@ -32,14 +32,17 @@ DropReason dropReason(const std::exception& error) {
   const std::string what = error.what();
   if (const auto* pair = dynamic_cast<const PairError*>(&error)) return {pair->reason(), what};
   if (dynamic_cast<const MessageError*>(&error)) return {"image", "A message cannot be used: " + what + "."};
+  if (dynamic_cast<const ImageError*>(&error)) return {"image", "The images cannot be used: " + what + "."};
   if (dynamic_cast<const CalibrationError*>(&error))
     return {"calibration", "The calibration is refused: " + what + "."};
   if (dynamic_cast<const PoseError*>(&error)) return {"pose", "The pose of the camera is not known: " + what + "."};
   return {"internal", "The pair could not be processed: " + what + "."};
 }
 
-PairReconstruction::PairReconstruction(const SurfaceReconstructionParameters& parameters)
+PairReconstruction::PairReconstruction(const SurfaceReconstructionParameters& parameters,
+                                       std::shared_ptr<BitDepth> depth)
     : parameters_(parameters),
+      depth_(depth ? std::move(depth) : std::make_shared<BitDepth>(parameters.image_bits)),
       rectifiers_(fieldsOf(parameters.settings_calibration), parameters.referenceSetting(),
                   parameters.settings_tolerance),
       recent_(parameters.average, static_cast<std::size_t>(parameters.average_pairs)) {}
@@ -57,7 +60,9 @@ std::shared_ptr<const Rectifier> PairReconstruction::rectifierFor(const PairMess
 PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseAt& pose_at) {
   PairSurface out;
   out.frame.rectifier = rectifierFor(pair);
-  out.result = reconstruct(decode(pair.left), decode(pair.right), *out.frame.rectifier, parameters_.reconstruction);
+  cv::Mat left = decode(pair.left), right = decode(pair.right);
+  depth_->toEightBits(left, right);
+  out.result = reconstruct(left, right, *out.frame.rectifier, parameters_.reconstruction);
   out.frame.stamp_ns = static_cast<std::int64_t>(pair.stamp.toNSec());
   out.frame.T_pmr_left = pose_at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);
   out.frame.frame = {out.result.disparity, out.result.surface_left.colour, out.result.surface_left.confidence};

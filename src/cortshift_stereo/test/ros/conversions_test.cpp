@@ -10,8 +10,13 @@
 #include <opencv2/imgproc.hpp>
 #include <tuple>
 
+#include "cortshift_stereo/images/bit_depth.hpp"
+#include "exif_image.hpp"
+
 namespace cortshift_stereo {
 namespace {
+
+using cortshift_stereo_test::withOrientation;
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
@@ -260,7 +265,10 @@ TEST(Conversions, imagesOfEveryEncodingBecomeBgr) {
   cv::cvtColor(grey, grey_bgr, cv::COLOR_GRAY2BGR);
   grey.convertTo(grey16, CV_16U, 257);
   const auto decode = [](const cv::Mat& pixels, const std::string& encoding) {
-    return bgrFromImage(*cv_bridge::CvImage(header(), encoding, pixels).toImageMsg());
+    cv::Mat bgr = bgrFromImage(*cv_bridge::CvImage(header(), encoding, pixels).toImageMsg());
+    EXPECT_EQ(bgr.depth(), pixels.depth()) << encoding;
+    BitDepth(16).toEightBits(bgr);
+    return bgr;
   };
   expectPatches(decode(bgr, "bgr8"), bgr, 0);
   expectPatches(decode(rgb, "rgb8"), bgr, 0);
@@ -286,6 +294,14 @@ TEST(Conversions, imagesOfEveryEncodingBecomeBgr) {
     cv::imencode(".png", mosaic, compressed.data);
     expectPatches(bgrFromImage(compressed), bgr, 1);
   }
+}
+
+TEST(Conversions, compressedImagesThatAskForRotationAreRefused) {
+  sensor_msgs::CompressedImage image;
+  image.format = "jpeg";
+  cv::imencode(".jpg", patches(), image.data);
+  image.data = withOrientation(image.data, 6);
+  expectMessage([&] { bgrFromImage(image); }, "carries EXIF orientation 6");
 }
 
 TEST(Conversions, compressedImagesBecomeBgr) {

@@ -33,7 +33,8 @@ constexpr double kDegrees = 180 / CV_PI;
 constexpr std::size_t kFewestMethods = 3;
 const std::string kNotTogether =
     "the tracked poses and the images do not belong together. Are they poses of the microscope in the reference frame "
-    "(not the inverse), in metres, each with its own image, and did the board stay where it was?";
+    "(not the inverse), in metres, each with its own image, is the side of a square right, and did the board stay "
+    "where it was?";
 
 /// A view and the pose of the board that its image alone gives.
 struct LocatedView {
@@ -407,6 +408,9 @@ HandEyeCalibration calibrateHandEye(const CameraModel& left, const Board& board,
     }
   }
 
+  std::vector<double> corrections;
+  for (const auto& own : refined.solution.own) corrections.push_back(refiner.sigmas(own));
+  result.misfit = std::sqrt(meanSquare(corrections));
   result.T_microscope_left = refined.T_microscope_left;
   result.T_reference_board = refined.T_reference_board;
   reportResiduals(refiner, refined, used, result);
