@@ -23,11 +23,13 @@ std::string number(double value) {
   return text;
 }
 
-void checkSize(const cv::Mat& image, const CameraModel& camera, const std::string& side) {
+Findings checkSize(const cv::Mat& image, const CameraModel& camera, const std::string& side) {
+  Findings found;
   if (image.size() != camera.size)
-    throw PairError("image_size", "The " + side + " image is " + describe(image.size()) +
-                                      ", but its calibration is for " + describe(camera.size) +
-                                      ": set the camera's resolution or calibrate again.");
+    found.refuse(CheckId::kImageSize, "The " + side + " image",
+                 "is " + describe(image.size()) + ", but its calibration is for " + describe(camera.size),
+                 "set the camera's resolution or calibrate again");
+  return found;
 }
 
 /// Points only where both images have pixels of a mask.
@@ -65,28 +67,33 @@ double shareOfValid(const cv::Mat& disparity) {
   return static_cast<double>(cv::countNonZero(disparity == disparity)) / static_cast<double>(disparity.total());
 }
 
-void checkMatch(const ReconstructionQuality& quality, const PairLimits& limits) {
+Findings checkMatch(const ReconstructionQuality& quality, const PairLimits& limits) {
   constexpr int kFewestCorners = 20;
   const EpipolarResidual& epipolar = quality.epipolar;
   constexpr double kPlainlyBetter = 0.5;
+  Findings found;
   if (epipolar.matched >= kFewestCorners && epipolar.spread_if_swapped < kPlainlyBetter * epipolar.spread)
-    throw PairError("swapped", "Left and right are swapped: the rows of the two images agree to " +
-                                   number(epipolar.spread_if_swapped) + " px when exchanged, but to " +
-                                   number(epipolar.spread) + " px as they are; exchange the cables or the topics.");
+    found.refuse(CheckId::kSwapped, "Left and right",
+                 "are swapped: the rows of the two images agree to " + number(epipolar.spread_if_swapped) +
+                     " px when exchanged, but to " + number(epipolar.spread) + " px as they are",
+                 "exchange the cables or the topics");
   if (epipolar.matched >= kFewestCorners && epipolar.spread > limits.max_epipolar_residual)
-    throw PairError("epipolar", "The rows of the two images do not agree (median vertical gap " +
-                                    number(epipolar.spread) + " px over " + std::to_string(epipolar.matched) +
-                                    " corners, at most " + number(limits.max_epipolar_residual) +
-                                    " px is allowed): the images are not of one pair, or the "
-                                    "cameras moved since their calibration; calibrate again.");
+    found.refuse(CheckId::kEpipolar, "The rows of the two images",
+                 "do not agree (median vertical gap " + number(epipolar.spread) + " px over " +
+                     std::to_string(epipolar.matched) + " corners, at most " + number(limits.max_epipolar_residual) +
+                     " px is allowed)",
+                 "the images are not of one pair, or the cameras moved since their calibration; calibrate again");
   if (quality.coverage < limits.min_coverage)
-    throw PairError("coverage", "Only " + number(100 * quality.coverage) +
-                                    " % of the image could be matched, at least " + number(100 * limits.min_coverage) +
-                                    " % is needed: check focus, light, obstacles in the view, and the calibration.");
+    found.refuse(CheckId::kCoverage, "The match",
+                 "covers only " + number(100 * quality.coverage) + " % of the image, at least " +
+                     number(100 * limits.min_coverage) + " % is needed",
+                 "check focus, light, obstacles in the view, and the calibration");
   if (epipolar.matched < kFewestCorners)
-    throw PairError("no_match", "Only " + std::to_string(epipolar.matched) +
-                                    " corners were found in both images, at least " + std::to_string(kFewestCorners) +
-                                    " are needed to trust the pair: check that both images show the same scene.");
+    found.refuse(CheckId::kNoMatch, "The match",
+                 "rests on only " + std::to_string(epipolar.matched) + " corners found in both images, at least " +
+                     std::to_string(kFewestCorners) + " are needed to trust the pair",
+                 "check that both images show the same scene");
+  return found;
 }
 
 }  // namespace
@@ -108,8 +115,8 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   const int64_t start = cv::getTickCount();
   const StereoModel& model = rectifier.model();
   const PairLimits& limits = settings.limits;
-  checkSize(left, model.left, "left");
-  checkSize(right, model.right, "right");
+  checkSize(left, model.left, "left").requireAccepted();
+  checkSize(right, model.right, "right").requireAccepted();
 
   ReconstructionResult result;
   ReconstructionQuality& quality = result.quality;
@@ -117,18 +124,18 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
     for (int side = sides.start; side < sides.end; ++side)
       (side == 0 ? quality.left : quality.right) = measureImage(side == 0 ? left : right);
   });
-  checkImage(quality.left, limits, "left");
-  checkImage(quality.right, limits, "right");
+  checkImage(quality.left, limits, "left").requireAccepted();
+  checkImage(quality.right, limits, "right").requireAccepted();
 
   const RectifiedPair pair = rectifier.rectify(left, right);
   const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
   quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
   if (quality.search_range.size() == 0)
-    throw PairError("no_match", "The two images do not match at any working distance between " +
-                                    number(settings.min_working_distance) + " and " +
-                                    number(settings.max_working_distance) +
-                                    " m: check that both belong to one pair, that left and right are not swapped, and "
-                                    "the calibration.");
+    throw PairError(CheckId::kNoMatch, "The pair",
+                    "does not match at any working distance between " + number(settings.min_working_distance) +
+                        " and " + number(settings.max_working_distance) + " m",
+                    "check that both images belong to one pair, that left and right are not swapped, and the "
+                    "calibration");
   result.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, quality.search_range);
   const cv::Mat match = result.disparity.clone();
   keepWhereBoth(result.disparity, pair.left_usable, pair.right_usable);
@@ -152,7 +159,7 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
       surface.confidence.setTo(0, ~(result.disparity == result.disparity));
     }
   });
-  checkMatch(quality, limits);
+  checkMatch(quality, limits).requireAccepted();
 
   result.seconds = static_cast<double>(cv::getTickCount() - start) / cv::getTickFrequency();
   return result;

@@ -3,20 +3,6 @@
 #include <algorithm>
 
 namespace cortshift_stereo {
-namespace {
-
-template <double ReconstructionSettings::*member>
-double& setting(ReconstructionSettings& settings) {
-  return settings.*member;
-}
-
-template <double PairLimits::*member>
-double& limit(ReconstructionSettings& settings) {
-  return settings.limits.*member;
-}
-
-}  // namespace
-
 std::string ReconstructionLimit::option() const {
   std::string out = name;
   std::replace(out.begin(), out.end(), '_', '-');
@@ -26,20 +12,20 @@ std::string ReconstructionLimit::option() const {
 const std::vector<ReconstructionLimit>& reconstructionLimits() {
   using Settings = ReconstructionSettings;
   static const std::vector<ReconstructionLimit> limits{
-      {"min_working_distance", setting<&Settings::min_working_distance>, 0.02, 10,
+      {"min_working_distance", &Settings::min_working_distance, nullptr, 0.02, 10,
        "nearest surface along the optical axis [m]"},
-      {"max_working_distance", setting<&Settings::max_working_distance>, 0.02, 100, "farthest one [m]"},
-      {"relief", setting<&Settings::relief>, 0, 1, "depth beyond what the coarse match finds, on either side [m]"},
-      {"max_deviation", setting<&Settings::max_deviation>, 0.01, 10,
+      {"max_working_distance", &Settings::max_working_distance, nullptr, 0.02, 100, "farthest one [m]"},
+      {"relief", &Settings::relief, nullptr, 0, 1, "depth beyond what the coarse match finds, on either side [m]"},
+      {"max_deviation", &Settings::max_deviation, nullptr, 0.01, 10,
        "points that may be farther off are left out [px]"},
-      {"min_coverage", limit<&PairLimits::min_coverage>, 0, 1,
+      {"min_coverage", nullptr, &PairLimits::min_coverage, 0, 1,
        "least share with a point of what the camera shows of the rectified image"},
-      {"max_epipolar_residual", limit<&PairLimits::max_epipolar_residual>, 0.05, 100,
+      {"max_epipolar_residual", nullptr, &PairLimits::max_epipolar_residual, 0.05, 100,
        "largest median vertical gap between matched corners [px]"},
-      {"max_saturated_share", limit<&PairLimits::max_saturated_share>, 0, 1, "largest share of saturated pixels"},
-      {"min_contrast", limit<&PairLimits::min_contrast>, 0, 128,
+      {"max_saturated_share", nullptr, &PairLimits::max_saturated_share, 0, 1, "largest share of saturated pixels"},
+      {"min_contrast", nullptr, &PairLimits::min_contrast, 0, 128,
        "least standard deviation of the luminance [grey levels]"},
-      {"min_sharpness", limit<&PairLimits::min_sharpness>, 0, 10, "least detail of 2-4 px over detail of 8-16 px"}};
+      {"min_sharpness", nullptr, &PairLimits::min_sharpness, 0, 10, "least detail of 2-4 px over detail of 8-16 px"}};
   return limits;
 }
 

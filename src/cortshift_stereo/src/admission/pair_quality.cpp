@@ -83,19 +83,25 @@ ImageQuality measureImage(const cv::Mat& image) {
   return quality;
 }
 
-void checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side) {
+Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side) {
+  Findings found;
+  const std::string image = "The " + side + " image";
   if (quality.contrast < limits.min_contrast)
-    throw PairError("blank", "The " + side + " image is blank (contrast " + number(quality.contrast) +
-                                 " grey levels, at least " + number(limits.min_contrast) +
-                                 " are needed): check the light, the exposure and the beam splitter.");
+    found.refuse(CheckId::kBlank, image,
+                 "is blank (contrast " + number(quality.contrast) + " grey levels, at least " +
+                     number(limits.min_contrast) + " are needed)",
+                 "check the light, the exposure and the beam splitter");
   if (quality.saturated_share > limits.max_saturated_share)
-    throw PairError("saturated", "The " + side + " image is saturated (" + number(100 * quality.saturated_share) +
-                                     " % of its pixels, at most " + number(100 * limits.max_saturated_share) +
-                                     " % are allowed): lower the exposure or the light.");
+    found.refuse(CheckId::kSaturated, image,
+                 "is saturated (" + number(100 * quality.saturated_share) + " % of its pixels, at most " +
+                     number(100 * limits.max_saturated_share) + " % are allowed)",
+                 "lower the exposure or the light");
   if (quality.sharpness < limits.min_sharpness)
-    throw PairError("defocused", "The " + side + " image is out of focus (sharpness " + number(quality.sharpness) +
-                                     ", at least " + number(limits.min_sharpness) +
-                                     " is needed): focus the microscope.");
+    found.refuse(CheckId::kDefocused, image,
+                 "is out of focus (sharpness " + number(quality.sharpness) + ", at least " +
+                     number(limits.min_sharpness) + " is needed)",
+                 "focus the microscope");
+  return found;
 }
 
 EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Mat& disparity,

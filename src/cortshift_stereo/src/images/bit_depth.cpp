@@ -51,7 +51,7 @@ int recognise(const Use& left, const Use& right) {
                      "): the light is off, or the values have 8 bits; check the light and the exposure, or declare the "
                      "bits (image_bits)");
   if (left.largest > 0 && right.largest > 0 && std::abs(bitsFor(left.largest) - bitsFor(right.largest)) >= kUnlike)
-    throw ImageError("the left image uses " + text(bitsFor(left.largest), left.largest) + " of 16, the right one " +
+    throw ImageError("unlike images: the left one uses " + text(bitsFor(left.largest), left.largest) + " of 16, the right one " +
                      text(bitsFor(right.largest), right.largest) +
                      ": set both cameras to one pixel format and exposure, or declare the bits (image_bits)");
   return bitsFor(largest);
@@ -75,7 +75,7 @@ void BitDepth::toEightBits(cv::Mat& left, cv::Mat& right) {
   } else if (largest >= 1 << declared_) {
     const int below = (1 << (kContainer - declared_)) - 1;
     if (((left_use.together | right_use.together) & below) != 0)
-      throw ImageError("image_bits is " + std::to_string(declared_) +
+      throw ImageError("values above what is declared: image_bits is " + std::to_string(declared_) +
                        ", but the largest value of the 16-bit images is " + std::to_string(largest) +
                        "; declare the bits that the camera uses");
     bits_ = bits = kContainer;  // in the upper bits

@@ -32,7 +32,7 @@ DropReason dropReason(const std::exception& error) {
   const std::string what = error.what();
   if (const auto* pair = dynamic_cast<const PairError*>(&error)) return {pair->reason(), what};
   if (dynamic_cast<const MessageError*>(&error)) return {"image", "A message cannot be used: " + what + "."};
-  if (dynamic_cast<const ImageError*>(&error)) return {"image", "The images cannot be used: " + what + "."};
+  if (dynamic_cast<const ImageError*>(&error)) return {checkOf(CheckId::kBitDepth).word, "The pair has " + what + "."};
   if (dynamic_cast<const CalibrationError*>(&error))
     return {"calibration", "The calibration is refused: " + what + "."};
   if (dynamic_cast<const PoseError*>(&error)) return {"pose", "The pose of the camera is not known: " + what + "."};
@@ -83,8 +83,9 @@ PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseA
 void PairReconstruction::calibrate(const PairMessages& pair) {
   const sensor_msgs::CameraInfoConstPtr &left = pair.left_info, &right = pair.right_info;
   if (!left || !right)
-    throw PairError("camera_info", std::string("No camera_info of the ") + (left ? "right" : "left") +
-                                       " camera has arrived: check that the driver or the bag publishes it.");
+    throw PairError(CheckId::kCameraInfo,
+                    std::string("The camera_info of the ") + (left ? "right" : "left") + " camera", "has not arrived",
+                    "check that the driver or the bag publishes it");
   if (left_info_ && sameCalibration(*left, *left_info_) && sameCalibration(*right, *right_info_)) return;
   left_info_ = right_info_ = nullptr;
   rectifiers_.calibrate(stereoModelFromInfo(*left, *right));

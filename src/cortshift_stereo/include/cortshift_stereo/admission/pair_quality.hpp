@@ -2,23 +2,12 @@
 #pragma once
 
 #include <opencv2/core.hpp>
-#include <stdexcept>
 #include <string>
 
+#include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_stereo/rectification/rectifier.hpp"
 
 namespace cortshift_stereo {
-
-/// A pair that is not reconstructed. `reason` is a short fixed word for counting; what() says what is wrong and what
-/// to do about it.
-class PairError : public std::runtime_error {
- public:
-  PairError(const std::string& reason, const std::string& message) : std::runtime_error(message), reason_(reason) {}
-  const std::string& reason() const { return reason_; }
-
- private:
-  std::string reason_;
-};
 
 /// Limits of the checks. Each default is written here and nowhere else.
 struct PairLimits {
@@ -40,8 +29,8 @@ struct ImageQuality {
 /// @param image  CV_8UC3
 ImageQuality measureImage(const cv::Mat& image);
 
-/// @throws PairError blank, saturated or defocused, naming the side
-void checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side);
+/// Blank, saturated or defocused, naming the side.
+Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side);
 
 /// Vertical misalignment of corners matched in two dimensions. A swapped or mismatched pair, or a camera that has
 /// moved since its calibration, is detected here, although matching along the rows would still find something.
