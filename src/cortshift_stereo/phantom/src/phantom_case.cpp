@@ -160,7 +160,7 @@ void readCameras(StrictMap& map, CameraSettings& cameras) {
   map.get("working_distance", cameras.working_distance);
   map.get("field_of_view", cameras.field_of_view);
   map.get("baseline", cameras.baseline);
-  std::string lens = nameOf(cameras.lens);
+  std::string lens = cortshift_stereo::nameOf(cameras.lens);
   map.get("lens", lens);
   try {
     cameras.lens = cortshift_stereo::lensNamed(lens, map.path() + ".lens");

@@ -369,6 +369,15 @@ TEST(PhantomScript, minimalCaseTakesTheDefaults) {
   EXPECT_EQ(minimal.stages.at(0).name, "only");
 }
 
+TEST(PhantomScript, readsTheLens) {
+  const PhantomCase wide = parsePhantomCase(
+      "{name: m, cameras: {lens: equidistant, left_distortion: [0.1, 0, 0, 0], right_distortion: [0, 0.1, 0, 0]}, "
+      "stages: [{name: only}]}",
+      "test");
+  EXPECT_EQ(wide.cameras.lens, cortshift_stereo::LensModel::kEquidistant);
+  EXPECT_EQ(makeStereoHead(wide.cameras).model.right.D, std::vector<double>({0, 0.1, 0, 0}));
+}
+
 TEST(PhantomScript, refusesWhatIsWrongByName) {
   EXPECT_NE(errorOf("{name: m}").find("at least one stage"), std::string::npos);
   EXPECT_NE(errorOf("{stages: [{name: a}]}").find("name is missing"), std::string::npos);
@@ -384,6 +393,11 @@ TEST(PhantomScript, refusesWhatIsWrongByName) {
   EXPECT_NE(errorOf("{name: m, brain_in_pmr: {rpy: [0, 0, 0]}, stages: [{name: a}]}").find("translation is missing"),
             std::string::npos);
   EXPECT_NE(errorOf("{name: m, gravity_in_pmr: [0, 0, 0], stages: [{name: a}]}").find("gravity_in_pmr"),
+            std::string::npos);
+  EXPECT_NE(errorOf("{name: m, cameras: {lens: fisheye}, stages: [{name: a}]}").find("cameras.lens is 'fisheye'"),
+            std::string::npos);
+  EXPECT_NE(errorOf("{name: m, cameras: {lens: equidistant}, stages: [{name: a}]}")
+                .find("cameras.left_distortion has 5 values; equidistant has 4"),
             std::string::npos);
   EXPECT_NE(errorOf("{name: m, stages: [").find("not YAML"), std::string::npos);
   EXPECT_NE(errorOf("just text").find("mapping"), std::string::npos);

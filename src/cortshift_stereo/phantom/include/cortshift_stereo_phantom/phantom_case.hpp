@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "cortshift_stereo/geometry/camera_model.hpp"
+
 namespace cortshift_stereo_phantom {
 
 /// A case that cannot be played. The message names the key, its value and what is allowed.

@@ -8,8 +8,6 @@ namespace {
 
 // Pixels outside the boards have no point at any other setting: half the image is what a craniotomy fills.
 constexpr double kLargeRegion = 0.5;
-// A pair with points in less of its image is refused (min_coverage of the reconstruction).
-constexpr double kUsableRegion = 0.25;
 
 std::string text(const char* format, double first, double second = 0) {
   char line[200];
@@ -30,7 +28,7 @@ void judgeSide(const std::string& side, const SettingsCalibration& calibration, 
                     ": take a denser grid of settings, and check that neither board nor microscope moves");
   const double region = regionShare(calibration.warp.model());
   if (region < kLargeRegion)
-    verdict.add(region < kUsableRegion ? Grade::kUseless : Grade::kDoubtful,
+    verdict.add(Grade::kDoubtful,
                 side +
                     text(": boards cover %.0f %% of the image (good are %.0f %%)", 100 * region, 100 * kLargeRegion) +
                     ": add a larger board, seen at the reference and at low magnification");
