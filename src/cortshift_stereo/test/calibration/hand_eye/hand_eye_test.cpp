@@ -137,7 +137,10 @@ TEST(HandEyeVerdict, SaysWhatIsMissing) {
   EXPECT_THAT(verdictOf(truth, truth.views(20, 0.1e-3, 0.04 * kDegree, 0.1, random)),
               testing::AllOf(testing::StartsWith("verdict: useless: "), testing::HasSubstr("about a second axis")));
   truth.largest_tilt = 30 * kDegree;
-  EXPECT_THAT(verdictOf(truth, truth.views(8, 1e-3, 0.5 * kDegree, 0.1, random)),
+  HandEyeSettings coarse;  // a tracker that is known to be a poor one
+  coarse.tracker_position_sd = 2e-3;
+  coarse.tracker_rotation_sd = 1 * kDegree;
+  EXPECT_THAT(verdictOf(truth, truth.views(8, 2e-3, 1 * kDegree, 0.1, random), coarse),
               testing::AllOf(testing::StartsWith("verdict: useless: "), testing::HasSubstr("take more views")));
   HandEyeSettings precise;  // a tracker that is said to be better than it is
   precise.tracker_position_sd = 0.08e-3;
