@@ -2,26 +2,22 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <opencv2/core/utility.hpp>
 #include <string>
 
+#include "cortshift_flow/text.hpp"
 #include "cortshift_stereo/geometry/triangulation.hpp"
 #include "cortshift_stereo/refinement/refinement.hpp"
 
 namespace cortshift_stereo {
 namespace {
 
+using cortshift_flow::shortNumber;
+
 constexpr float kAgreement = 1.5f;  // [px] between matching and refinement; beyond, one of them is wrong
 
 std::string describe(const cv::Size& size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
-
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
 
 Findings checkSize(const cv::Mat& image, const CameraModel& camera, const std::string& side) {
   Findings found;
@@ -74,19 +70,19 @@ Findings checkMatch(const ReconstructionQuality& quality, const PairLimits& limi
   Findings found;
   if (epipolar.matched >= kFewestCorners && epipolar.spread_if_swapped < kPlainlyBetter * epipolar.spread)
     found.refuse(CheckId::kSwapped, "Left and right",
-                 "are swapped: the rows of the two images agree to " + number(epipolar.spread_if_swapped) +
-                     " px when exchanged, but to " + number(epipolar.spread) + " px as they are",
+                 "are swapped: the rows of the two images agree to " + shortNumber(epipolar.spread_if_swapped) +
+                     " px when exchanged, but to " + shortNumber(epipolar.spread) + " px as they are",
                  "exchange the cables or the topics");
   if (epipolar.matched >= kFewestCorners && epipolar.spread > limits.max_epipolar_residual)
     found.refuse(CheckId::kEpipolar, "The rows of the two images",
-                 "do not agree (median vertical gap " + number(epipolar.spread) + " px over " +
-                     std::to_string(epipolar.matched) + " corners, at most " + number(limits.max_epipolar_residual) +
-                     " px is allowed)",
+                 "do not agree (median vertical gap " + shortNumber(epipolar.spread) + " px over " +
+                     std::to_string(epipolar.matched) + " corners, at most " +
+                     shortNumber(limits.max_epipolar_residual) + " px is allowed)",
                  "the images are not of one pair, or the cameras moved since their calibration; calibrate again");
   if (quality.coverage < limits.min_coverage)
     found.refuse(CheckId::kCoverage, "The match",
-                 "covers only " + number(100 * quality.coverage) + " % of the image, at least " +
-                     number(100 * limits.min_coverage) + " % is needed",
+                 "covers only " + shortNumber(100 * quality.coverage) + " % of the image, at least " +
+                     shortNumber(100 * limits.min_coverage) + " % is needed",
                  "check focus, light, obstacles in the view, and the calibration");
   if (epipolar.matched < kFewestCorners)
     found.refuse(CheckId::kNoMatch, "The match",
@@ -100,7 +96,8 @@ Findings checkMatch(const ReconstructionQuality& quality, const PairLimits& limi
 
 void ReconstructionSettings::validate() const {
   const auto require = [](bool good, const std::string& name, double value, const std::string& allowed) {
-    if (!good) throw std::invalid_argument(name + " = " + number(value) + " is not allowed; allowed is " + allowed);
+    if (!good)
+      throw std::invalid_argument(name + " = " + shortNumber(value) + " is not allowed; allowed is " + allowed);
   };
   require(min_working_distance > 0, "min_working_distance", min_working_distance, "> 0 m");
   require(max_working_distance > min_working_distance, "max_working_distance", max_working_distance,
@@ -132,8 +129,8 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
   if (quality.search_range.size() == 0)
     throw PairError(CheckId::kNoMatch, "The pair",
-                    "does not match at any working distance between " + number(settings.min_working_distance) +
-                        " and " + number(settings.max_working_distance) + " m",
+                    "does not match at any working distance between " + shortNumber(settings.min_working_distance) +
+                        " and " + shortNumber(settings.max_working_distance) + " m",
                     "check that both images belong to one pair, that left and right are not swapped, and the "
                     "calibration");
   result.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, quality.search_range);

@@ -56,9 +56,9 @@ ROOMS = {
 BORDER = {'stereo/ros', 'stereo/nodes', 'tracking/ros', 'tracking/nodes', 'tracking/case', 'tracking/offline'}
 
 PYTHON_ROOMS = {
-    'top': {'mr'},
+    'top': set(),
     'case': {'top', 'probe'},
-    'probe': {'top', 'case'},
+    'probe': {'top'},
     'mr': {'top', 'case'},
     'report': {'top', 'case', 'mr', 'probe'},
     'cohort': {'top', 'case', 'report'},
@@ -77,9 +77,6 @@ LONG = {
     'src/cortshift_tracking/src/igtl/endpoint.cpp': 'to be split',
     'src/cortshift_tracking/src/nodes/igtl_bridge_node.cpp': 'to be split',
     'src/cortshift_tracking/src/offline/bag_file.cpp': 'to be split',
-    'src/cortshift_tracking/src/ros/tracker/shift_tracker.cpp': 'to be split',
-    'src/cortshift_tracking/test/igtl/igtl_bridge_test.py': 'to be split',
-    'src/cortshift_tracking/test/ros/shift_tracker_test.cpp': 'to be split',
 }
 
 RULES = {

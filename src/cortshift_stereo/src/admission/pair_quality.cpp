@@ -2,21 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 #include <vector>
 
+#include "cortshift_flow/text.hpp"
 #include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {
 
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
+using cortshift_flow::shortNumber;
 
 double standardDeviation(const cv::Mat& image) {
   cv::Scalar mean, deviation;
@@ -88,19 +84,42 @@ Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const
   const std::string image = "The " + side + " image";
   if (quality.contrast < limits.min_contrast)
     found.refuse(CheckId::kBlank, image,
-                 "is blank (contrast " + number(quality.contrast) + " grey levels, at least " +
-                     number(limits.min_contrast) + " are needed)",
+                 "is blank (contrast " + shortNumber(quality.contrast) + " grey levels, at least " +
+                     shortNumber(limits.min_contrast) + " are needed)",
                  "check the light, the exposure and the beam splitter");
   if (quality.saturated_share > limits.max_saturated_share)
     found.refuse(CheckId::kSaturated, image,
-                 "is saturated (" + number(100 * quality.saturated_share) + " % of its pixels, at most " +
-                     number(100 * limits.max_saturated_share) + " % are allowed)",
+                 "is saturated (" + shortNumber(100 * quality.saturated_share) + " % of its pixels, at most " +
+                     shortNumber(100 * limits.max_saturated_share) + " % are allowed)",
                  "lower the exposure or the light");
   if (quality.sharpness < limits.min_sharpness)
     found.refuse(CheckId::kDefocused, image,
-                 "is out of focus (sharpness " + number(quality.sharpness) + ", at least " +
-                     number(limits.min_sharpness) + " is needed)",
+                 "is out of focus (sharpness " + shortNumber(quality.sharpness) + ", at least " +
+                     shortNumber(limits.min_sharpness) + " is needed)",
                  "focus the microscope");
+  return found;
+}
+
+Findings checkSameImage(const cv::Mat& raw, const cv::Mat& decompressed, const std::string& side) {
+  Findings found;
+  const std::string thing = "The raw and the compressed image of the " + side + " camera";
+  const std::string remedy = "two sources publish under one name; stop the one that is wrong";
+  if (raw.size() != decompressed.size()) {
+    found.refuse(CheckId::kRawAndCompressed, thing, "have one stamp and different sizes", remedy);
+    return found;
+  }
+  // Blocks of 8 pixels are what JPEG keeps best: at quality 50 their means stay within 2 grey levels.
+  constexpr double kLoss = 4;  // [grey levels] root mean square
+  cv::Mat a, b, difference;
+  const cv::Size blocks(std::max(1, raw.cols / 8), std::max(1, raw.rows / 8));
+  cv::resize(raw, a, blocks, 0, 0, cv::INTER_AREA);
+  cv::resize(decompressed, b, blocks, 0, 0, cv::INTER_AREA);
+  const double rms = cv::norm(a, b, cv::NORM_L2) / std::sqrt(static_cast<double>(3 * a.total()));
+  if (rms > kLoss)
+    found.refuse(CheckId::kRawAndCompressed, thing,
+                 "have one stamp and differ by " + shortNumber(rms) + " grey levels (compression alone: at most " +
+                     shortNumber(kLoss) + ")",
+                 remedy);
   return found;
 }
 

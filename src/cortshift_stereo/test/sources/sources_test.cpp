@@ -161,7 +161,7 @@ TEST_F(FolderSourceTest, RefusesWhatIsNoPair) {
   pairs.fire();
   write("left9.png", 1);
   EXPECT_THROW(FolderSource(path(), false, calibration_, [] { return Stamp(1); }), std::invalid_argument);
-  EXPECT_THROW(FolderSource("/nonexistent", false, calibration_, [] { return Stamp(1); }), std::invalid_argument);
+  EXPECT_THROW(FolderSource(path() + "/none", false, calibration_, [] { return Stamp(1); }), std::invalid_argument);
 }
 
 }  // namespace

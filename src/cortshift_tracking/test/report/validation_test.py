@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cortshift_tracking.case.folder import immobile_misalignment, read_case
+from cortshift_tracking.case.folder import read_case
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.probe.store import ProbeStore
-from cortshift_tracking.report.validation import (TABLE_2_HEADER, TABLE_3_HEADER, compare_pair, read_picks, surface_accuracy, table_2,
-                                           table_3, to_csv)
+from cortshift_tracking.report.border import immobile_misalignment
+from cortshift_tracking.report.picks import read_picks
+from cortshift_tracking.report.tables import TABLE_2_HEADER, TABLE_3_HEADER, table_2, table_3, to_csv
+from cortshift_tracking.report.validation import compare_pair, surface_accuracy
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 import synthetic_case as synthetic  # noqa: E402
@@ -25,26 +27,13 @@ def exact(tmp_path_factory):
     return read_case(folder)
 
 
-@pytest.fixture(scope='module')
-def noisy(tmp_path_factory):
-    """Accuracies and pairs of first -> last over 40 sets of probe points with 0.3 mm noise."""
-    folder = str(tmp_path_factory.mktemp('noisy'))
-    synthetic.write_case(folder, probe_noise=0.0)
-    case = read_case(folder)
-    picks = read_picks(os.path.join(folder, 'picks.csv'))
-    random = np.random.default_rng(4)
-    accuracies, rows = [], []
-    for _ in range(40):
-        points = [p.__class__(p.stage, p.label, p.stamp, tuple(p.position + random.normal(0, 0.0003, 3)), p.spread, p.samples)
-                  for p in case.points if p.stage in (NAMES[0], NAMES[2])]
-        both = [surface_accuracy(case.stage(key), points, picks) for key in (NAMES[0], NAMES[2])]
-        accuracies += both[0]
-        rows += compare_pair(case.field(NAMES[0], NAMES[2]), case.stage(NAMES[0]), *both, points)
-    return accuracies, rows
+def moved(points, stage, label, by):
+    """The points, that label at that stage displaced by a vector [m]."""
+    return [replace(p, position_pmr=tuple(p.position + by)) if (p.stage, p.label) == (stage, label) else p for p in points]
 
 
 def test_case_is_read_whole(exact):
-    assert [s.key for s in exact.stages] == NAMES and not exact.unread
+    assert [s.key for s in exact.stages] == NAMES and not exact.left_out
     assert [(f.from_key, f.to_key) for f in exact.fields] == [(NAMES[0], NAMES[1]), (NAMES[1], NAMES[2]), (NAMES[0], NAMES[2])]
     assert np.allclose(exact.gravity_pmr, synthetic.GRAVITY, atol=1e-9)
     stage = exact.stages[0]
@@ -62,7 +51,7 @@ def test_everything_refers_to_the_normal_of_the_first_stage(exact):
 
 
 def test_exact_probe_and_field_agree(exact):
-    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))
+    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))[0]
     for field in exact.fields:
         both = [surface_accuracy(exact.stage(key), exact.points, picks) for key in (field.from_key, field.to_key)]
         assert max(abs(a.to_surface) for a in both[0] + both[1]) < 3e-5 and max(a.to_homologous for a in both[0]) < 3e-5
@@ -74,16 +63,41 @@ def test_exact_probe_and_field_agree(exact):
             assert np.linalg.norm(row.probe - (true[1] - true[0])) < 1e-9
 
 
-def test_noise_of_the_probe_appears_as_it_should(noisy):
-    accuracies, rows = noisy
-    # To the homologous point: the length of three components of 0.3 mm; to the surface: one component.
-    assert np.isclose(np.sqrt(np.mean([a.to_homologous ** 2 for a in accuracies])), 0.0003 * np.sqrt(3), rtol=0.1)
-    assert np.isclose(np.sqrt(np.mean([a.to_surface ** 2 for a in accuracies])), 0.0003, rtol=0.12)
-    # A displacement is the difference of two points; its length sees the noise along itself.
-    differences = np.array([r.difference for r in rows])
-    assert np.allclose(np.sqrt((differences ** 2).mean(0)), 0.0003 * np.sqrt(2), rtol=0.15)
-    lengths = np.array([np.linalg.norm(r.probe) - np.linalg.norm(r.flow) for r in rows])
-    assert np.isclose(lengths.std(), 0.0003 * np.sqrt(2), rtol=0.15)
+def axes_of_the_surface(key, label, step=1e-5):
+    """Outward normal and two tangents (unit, in pmr) at a labelled place, from the formula."""
+    x, y = synthetic.LABELS[label]
+    along = [synthetic.surface(key, np.array(x + dx), np.array(y + dy)) - synthetic.surface(key, np.array(x), np.array(y))
+             for dx, dy in ((step, 0), (0, step))]
+    normal = np.cross(*along)
+    across = np.cross(normal, along[0])
+    return [v / np.linalg.norm(v) for v in (normal, along[0], across)]
+
+
+@pytest.mark.parametrize('label', synthetic.LABELS)
+@pytest.mark.parametrize('amount', [0.0003, -0.0003])
+def test_a_probe_that_is_off_shows_where_and_by_how_much(exact, label, amount):
+    """To the picked point: the whole length; to the surface: what is along its normal, positive outside."""
+    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))
+    for axis, to_surface in zip(axes_of_the_surface(NAMES[1], label), (amount, 0, 0)):
+        found = {a.label: a for a in surface_accuracy(exact.stage(NAMES[1]), moved(exact.points, NAMES[1], label, amount * axis), picks)}
+        assert abs(found[label].to_homologous - abs(amount)) < 3e-5 and abs(found[label].to_surface - to_surface) < 3e-5
+        assert all(a.to_homologous < 3e-5 for other, a in found.items() if other != label)
+
+
+@pytest.mark.parametrize('label', synthetic.LABELS)
+def test_a_displacement_that_is_off_shows_along_its_axis(exact, label):
+    """A later point that is off by 0.3 mm: along the displacement its length changes by that, across it hardly."""
+    field, stage = exact.field(NAMES[0], NAMES[2]), exact.stage(NAMES[0])
+    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))
+    true = np.subtract(*(synthetic.surface(key, *map(np.array, synthetic.LABELS[label])) for key in (NAMES[2], NAMES[0])))
+    along = true / np.linalg.norm(true)
+    across = np.cross(along, [1, 0, 0])
+    for axis, longer in ((along, 0.0003), (-along, -0.0003), (across / np.linalg.norm(across), 0)):
+        points = moved(exact.points, NAMES[2], label, 0.0003 * axis)
+        rows = compare_pair(field, stage, *(surface_accuracy(exact.stage(key), points, picks) for key in (NAMES[0], NAMES[2])), points)
+        row, = (r for r in rows if r.label == label)
+        assert np.abs(row.difference - (0.0003 * axis @ stage.T_pmr_left[:3, :3])[[2, 0, 1]]).max() < 5e-5
+        assert abs(np.linalg.norm(row.probe) - np.linalg.norm(row.flow) - longer) < 6e-5
 
 
 def test_components_are_along_the_microscope(exact):
@@ -100,7 +114,7 @@ def test_components_are_along_the_microscope(exact):
 
 
 def test_tables_hold_units_and_every_pair(exact):
-    second, third = table_2(exact, read_picks(os.path.join(exact.folder, 'picks.csv'))), table_3(exact)
+    second, third = table_2(exact, read_picks(os.path.join(exact.folder, 'picks.csv'))[0]), table_3(exact)
     for header, rows in ((TABLE_2_HEADER, second), (TABLE_3_HEADER, third)):
         text = list(csv.reader(to_csv(header, rows).splitlines()))
         assert text[0] == header and len(text) == 4 and all(len(row) == len(header) for row in text)
@@ -131,8 +145,8 @@ def test_what_is_missing_is_named(exact, tmp_path):
     with pytest.raises(CaseError, match='holds no stage'):
         read_case(str(tmp_path))
     (tmp_path / 'picks.csv').write_text('stage,label,column_px,row_px\nfirst,p1,ten,3\n')
-    with pytest.raises(CaseError, match='picks.csv, line 2'):
-        read_picks(str(tmp_path / 'picks.csv'))
+    picks, left_out = read_picks(str(tmp_path / 'picks.csv'))
+    assert not picks and len(left_out) == 1 and 'picks.csv, line 2: column column_px: "ten" is not a number' in left_out[0]
     with pytest.raises(CaseError, match='has no surface at column 10, row 2'):
         surface_accuracy(exact.stages[0], exact.points, {(NAMES[0], 'p1'): (10, 2)})
     far = [p.__class__(p.stage, p.label, p.stamp, tuple(p.position + 0.05), 0.0, 9) for p in exact.points]
@@ -145,5 +159,5 @@ def test_damaged_bag_is_left_out_and_named(tmp_path):
     whole = (tmp_path / f'0001_{NAMES[0]}_0.bag').read_bytes()
     (tmp_path / '0002_cut_0.bag').write_bytes(whole[:len(whole) // 2])
     case = read_case(str(tmp_path))
-    assert len(case.stages) == 1 and len(case.unread) == 1 and '0002_cut_0.bag' in case.unread[0]
+    assert len(case.stages) == 1 and len(case.left_out) == 1 and '0002_cut_0.bag' in case.left_out[0]
     assert ProbeStore(str(tmp_path)).points == [] and case.gravity_pmr is None

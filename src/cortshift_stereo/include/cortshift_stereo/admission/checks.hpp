@@ -36,6 +36,7 @@ enum class CheckId {
   kPoseJitter,
   kPoseRepeated,
   kPoseStuck,
+  kImageRepeated,
   kPoseMotion,
   // Clocks
   kRecordTime,
@@ -46,6 +47,7 @@ enum class CheckId {
   kRegistrationUnsettled,
   kEpoch,
   kNotUnderstood,
+  kStatus,
   kCount  // of the above
 };
 

@@ -1,10 +1,13 @@
 #include "cortshift_stereo/calibration/hand_eye/hand_eye_verdict.hpp"
 
 #include <cmath>
-#include <cstdio>
+
+#include "cortshift_flow/text.hpp"
 
 namespace cortshift_stereo {
 namespace {
+
+using cortshift_flow::formatted;
 
 constexpr double kWorkingDistance = 0.3;  // [m] of a microscope: the lever of an error of rotation
 constexpr double kUsableMetres = 1e-3;    // four times what matters: a millimetre is what navigation itself is off by
@@ -15,12 +18,6 @@ constexpr double kLikeTracker = 2.0, kUnlikeTracker = 4.0;
 // least.
 constexpr double kGoodDiversity = 2 * kLeastRotationDiversity;
 
-std::string text(const char* format, double first, double second = 0) {
-  char line[200];
-  std::snprintf(line, sizeof line, format, first, second);
-  return line;
-}
-
 }  // namespace
 
 CalibrationVerdict judgeHandEye(const HandEyeCalibration& calibration) {
@@ -30,28 +27,28 @@ CalibrationVerdict judgeHandEye(const HandEyeCalibration& calibration) {
   const double swing = kWorkingDistance * cv::norm(calibration.rotation_sd);
   const std::string more = ": take more views, with the microscope turned by 20 to 30 degrees about all axes";
   verdict.judge(position, kHarmlessMetres, kUsableMetres,
-                text("the camera's place is known to %.2f mm only (good is %.2f mm)", position / kMillimetre,
-                     kHarmlessMetres / kMillimetre) +
+                formatted("the camera's place is known to %.2f mm only (good is %.2f mm)", position / kMillimetre,
+                          kHarmlessMetres / kMillimetre) +
                     more);
   verdict.judge(swing, kHarmlessMetres, kUsableMetres,
-                text("the camera's direction is known to %.3f degrees only, which is %.2f mm at 300 mm",
-                     cv::norm(calibration.rotation_sd) / kDegree, swing / kMillimetre) +
+                formatted("the camera's direction is known to %.3f degrees only, which is %.2f mm at 300 mm",
+                          cv::norm(calibration.rotation_sd) / kDegree, swing / kMillimetre) +
                     more);
   verdict.judge(
       calibration.misfit, kLikeTracker, kUnlikeTracker,
-      text("tracked poses and images disagree by %.1f times the tracker's accuracy (good is %.0f)", calibration.misfit,
-           kLikeTracker) +
+      formatted("tracked poses and images disagree by %.1f times the tracker's accuracy (good is %.0f)",
+                calibration.misfit, kLikeTracker) +
           ": hold still for each view, check that pose and image are of one moment, the side of a square, the "
           "camera's calibration, and --tracker-position-sd");
   if (calibration.rotation_diversity[1] < kGoodDiversity)
     verdict.add(Grade::kDoubtful,
-                text("the microscope was turned by %.1f degrees RMS about a second axis (good are %.0f)",
-                     calibration.rotation_diversity[1] / kDegree, kGoodDiversity / kDegree) +
+                formatted("the microscope was turned by %.1f degrees RMS about a second axis (good are %.0f)",
+                          calibration.rotation_diversity[1] / kDegree, kGoodDiversity / kDegree) +
                     more);
   const double left_out = static_cast<double>(calibration.rejected.size());
   const double offered = left_out + static_cast<double>(calibration.residuals.size());
   verdict.judge(left_out / offered, kFewLeftOut, kMostLeftOut,
-                text("%.0f of %.0f views do not fit the others", left_out, offered) +
+                formatted("%.0f of %.0f views do not fit the others", left_out, offered) +
                     ": look at their reasons and take them again");
   return verdict;
 }

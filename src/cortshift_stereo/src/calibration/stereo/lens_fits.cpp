@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <iterator>
 
-#include "calibration/stereo/board_fit.hpp"
+#include "calibration/least_squares.hpp"
+#include "calibration/stereo/pair_check.hpp"
 #include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
@@ -23,6 +24,47 @@ const Candidate kCandidates[] = {
 const Candidate kRational{"k1 k2 p1 p2 k3 k4 k5 k6", cv::CALIB_RATIONAL_MODEL};
 const char* const kEquidistantTerms[] = {"k1", "k1 k2", "k1 k2 k3", "k1 k2 k3 k4"};
 const cv::TermCriteria kUntilSettled(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 60, 1e-9);
+
+constexpr Eigen::Index kIntrinsics = 4;
+
+/// Changes of one camera: focal lengths and principal point in shares of the focal length, then the terms that are
+/// free.
+void change(const Eigen::VectorXd& by, Eigen::Index from, int terms, cv::Matx33d& K, std::vector<double>& D) {
+  const double focal = K(0, 0);
+  K(0, 0) += focal * by(from);
+  K(1, 1) += focal * by(from + 1);
+  K(0, 2) += focal * by(from + 2);
+  K(1, 2) += focal * by(from + 3);
+  for (int i = 0; i < terms; ++i) D[static_cast<std::size_t>(i)] += by(from + kIntrinsics + i);
+}
+
+/// Both cameras with equidistant lenses and their relative pose, all together by least squares: OpenCV's own
+/// calibration of fisheyes gives up on the small fields of microscopes, where its terms hardly differ.
+/// @param start  plumb_bob fitted to the same pairs
+/// @param terms  1 to 4 coefficients are estimated, the others are 0
+StereoParameters fitEquidistant(const std::vector<cv::Point3d>& board, const std::vector<BoardPair>& pairs,
+                                const StereoParameters& start, int terms) {
+  StereoParameters first = start;
+  first.lens = LensModel::kEquidistant;
+  // The tangent of the angle bends by a^3 / 3 where the angle itself does not.
+  first.D_left = {start.D_left[0] + 1.0 / 3, 0, 0, 0};
+  first.D_right = {start.D_right[0] + 1.0 / 3, 0, 0, 0};
+  const Eigen::Index free = kIntrinsics + terms, count = 2 * free + 6;
+  const auto changed = [&](const Eigen::VectorXd& by) {
+    StereoParameters camera = first;
+    change(by, 0, terms, camera.K_left, camera.D_left);
+    change(by, free, terms, camera.K_right, camera.D_right);
+    camera.R_right_left = rotationOf({by(2 * free), by(2 * free + 1), by(2 * free + 2)}) * first.R_right_left;
+    camera.t_right_left += cv::Vec3d(by(2 * free + 3), by(2 * free + 4), by(2 * free + 5));
+    return camera;
+  };
+  std::vector<Eigen::VectorXd> poses;
+  for (const auto& pair : pairs) poses.push_back(startPose(first, board, pair));
+  const auto residuals = [&](std::size_t view, const Eigen::VectorXd& shared, const Eigen::VectorXd& pose) {
+    return reprojection(changed(shared), board, pairs[view], pose);
+  };
+  return changed(minimise(residuals, Eigen::VectorXd::Zero(count), poses).shared);
+}
 
 }  // namespace
 

@@ -2,17 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <opencv2/calib3d.hpp>
 
 #include "calibration/outliers.hpp"
-#include "calibration/stereo/board_fit.hpp"
 #include "calibration/stereo/lens_fits.hpp"
-#include "cortshift_stereo/geometry/lens.hpp"
+#include "calibration/stereo/pair_check.hpp"
+#include "cortshift_flow/text.hpp"
 
 namespace cortshift_stereo {
 namespace {
+
+using cortshift_flow::formatted;
 
 constexpr double kWorthATerm = 1.01;  // a simpler model may be this much worse on held-out pairs
 constexpr std::size_t kFolds = 6;
@@ -20,12 +21,6 @@ constexpr double kOutlierFloorPx = 0.75;    // no view below is called an outlie
 constexpr double kOutlierFloorPose = 0.05;  // of the relative pose: radians, and share of the board's distance
 constexpr double kLargestFocalDeviation = 0.02;
 constexpr double kLeastTilt = 8 * CV_PI / 180;
-std::string text(const char* format, double first, double second = 0) {
-  char line[160];
-  std::snprintf(line, sizeof line, format, first, second);
-  return line;
-}
-
 /// Root mean square angle between the boards' normals and the optical axis [rad].
 double rmsTilt(const SingleCamera& camera) {
   double squares = 0;
@@ -75,73 +70,6 @@ double angleBetween(const cv::Matx33d& a, const cv::Matx33d& b) {
   return cv::norm(turn);
 }
 
-struct RectifiedPair {
-  Corners left, right;
-  std::vector<cv::Vec3d> points;  ///< reconstructed, in the rectified left camera [m]
-};
-
-RectifiedPair reconstructCorners(const StereoModel& model, const BoardPair& pair) {
-  RectifiedPair corners;
-  corners.left = rectifyPoints(model.left, pair.left);
-  corners.right = rectifyPoints(model.right, pair.right);
-  const auto& P = model.left.P;
-  for (std::size_t i = 0; i < corners.left.size(); ++i) {
-    const double depth = depthOfDisparity(model, corners.left[i].x - corners.right[i].x);
-    const double row = 0.5 * (corners.left[i].y + corners.right[i].y);
-    corners.points.emplace_back((corners.left[i].x - P(0, 2)) / P(0, 0) * depth, (row - P(1, 2)) / P(1, 1) * depth,
-                                depth);
-  }
-  return corners;
-}
-
-double spacingError(const std::vector<cv::Vec3d>& points, const Board& board) {
-  double sum = 0;
-  int count = 0;
-  const int width = board.corners.width;
-  const auto compare = [&](int a, int b) {
-    sum += std::abs(cv::norm(points[a] - points[b]) - board.square);
-    ++count;
-  };
-  for (int y = 0; y < board.corners.height; ++y)
-    for (int x = 0; x < width; ++x) {
-      if (x + 1 < width) compare(y * width + x, y * width + x + 1);
-      if (y + 1 < board.corners.height) compare(y * width + x, (y + 1) * width + x);
-    }
-  return sum / count;
-}
-
-PairErrors checkPair(const StereoParameters& parameters, const StereoModel& model, const Board& board,
-                     const BoardPair& pair) {
-  const auto points = board.points();
-  const Eigen::VectorXd residuals = reprojection(parameters, points, pair, fitBoardPose(parameters, points, pair));
-  const RectifiedPair corners = reconstructCorners(model, pair);
-  PairErrors errors;
-  errors.name = pair.name;
-  errors.left_rms = rmsDistance(residuals.head(residuals.size() / 2));
-  errors.right_rms = rmsDistance(residuals.tail(residuals.size() / 2));
-  errors.rms = rmsDistance(residuals);
-  double squares = 0;
-  for (std::size_t i = 0; i < corners.left.size(); ++i) squares += std::pow(corners.left[i].y - corners.right[i].y, 2);
-  errors.epipolar_rms = std::sqrt(squares / static_cast<double>(corners.left.size()));
-  errors.spacing_error = spacingError(corners.points, board);
-  return errors;
-}
-
-SetErrors summarise(std::vector<PairErrors> pairs) {
-  SetErrors errors;
-  for (const auto& pair : pairs) {
-    errors.reprojection_rms += pair.rms * pair.rms;
-    errors.epipolar_rms += pair.epipolar_rms * pair.epipolar_rms;
-    errors.spacing_error += pair.spacing_error;
-  }
-  const auto count = static_cast<double>(pairs.size());
-  errors.reprojection_rms = std::sqrt(errors.reprojection_rms / count);
-  errors.epipolar_rms = std::sqrt(errors.epipolar_rms / count);
-  errors.spacing_error /= count;
-  errors.pairs = std::move(pairs);
-  return errors;
-}
-
 /// The pairs that agree with each other, and a start for the joint fit.
 class Screening {
  public:
@@ -185,7 +113,7 @@ class Screening {
     const PointLists points(board_, pairs_);
     const auto errors = calibrateOne(points.board, points.*seen, size_, kPaperLens).view_rms;
     return rejectWorst(errors, kOutlierFloorPx, [&](double error, double typical) {
-      return side + " corners are off by " + text("%.2f px RMS where %.2f px is typical", error, typical) +
+      return side + " corners are off by " + formatted("%.2f px RMS where %.2f px is typical", error, typical) +
              "; is the image blurred, or the board bent or partly hidden?";
     });
   }
@@ -219,10 +147,9 @@ class Screening {
     const auto parameters = calibrateBoth(PointLists(board_, pairs_), start(), kRadialLens);
     const auto points = board_.points();
     std::vector<double> errors;
-    for (const auto& pair : pairs_)
-      errors.push_back(rmsDistance(reprojection(parameters, points, pair, fitBoardPose(parameters, points, pair))));
+    for (const auto& pair : pairs_) errors.push_back(rmsReprojection(parameters, points, pair));
     return rejectWorst(errors, kOutlierFloorPx, [](double error, double typical) {
-      return text("reprojection error is %.2f px RMS where %.2f px is typical", error, typical) +
+      return formatted("reprojection error is %.2f px RMS where %.2f px is typical", error, typical) +
              "; did the board move between the two images?";
     });
   }
@@ -245,10 +172,10 @@ class Screening {
     for (const auto* camera : {&left, &right}) {
       const double tilt = rmsTilt(*camera);
       if (!(tilt >= kLeastTilt) || !(camera->focal_deviation <= kLargestFocalDeviation))
-        throw CalibrationError(
-            "the boards are too parallel to the image to determine the focal length: " +
-            text("tilted by %.1f degrees RMS, at least %.0f are needed", tilt * 180 / CV_PI, kLeastTilt * 180 / CV_PI) +
-            "; take views tilted by 20 to 40 degrees in all directions");
+        throw CalibrationError("the boards are too parallel to the image to determine the focal length: " +
+                               formatted("tilted by %.1f degrees RMS, at least %.0f are needed", tilt * 180 / CV_PI,
+                                         kLeastTilt * 180 / CV_PI) +
+                               "; take views tilted by 20 to 40 degrees in all directions");
     }
   }
 
@@ -281,52 +208,7 @@ SetErrors crossValidate(const Board& board, const std::vector<BoardPair>& pairs,
   return summarise(std::move(errors));
 }
 
-/// Moves the rectified principal points so that what the middle of each raw image shows stays in the middle.
-void centre(const StereoParameters& parameters, const cv::Matx33d& R_left, const cv::Matx33d& R_right,
-            cv::Matx34d& P_left, cv::Matx34d& P_right) {
-  const cv::Point2d middle(0.5 * (parameters.size.width - 1), 0.5 * (parameters.size.height - 1));
-  const auto directionOf = [&](const CameraModel& camera, const cv::Matx33d& R) {
-    const cv::Point2d raw = directionsOf(camera, {middle}).front();
-    const cv::Vec3d turned = R * cv::Vec3d(raw.x, raw.y, 1);
-    return cv::Point2d(turned[0] / turned[2], turned[1] / turned[2]);
-  };
-  const cv::Point2d left = directionOf(parameters.left(), R_left), right = directionOf(parameters.right(), R_right);
-  P_left(0, 2) = middle.x - P_left(0, 0) * left.x;
-  P_right(0, 2) = middle.x - P_right(0, 0) * right.x;
-  P_left(1, 2) = P_right(1, 2) = middle.y - P_left(1, 1) * 0.5 * (left.y + right.y);
-}
-
 }  // namespace
-
-StereoModel rectify(const StereoParameters& parameters) {
-  const cv::Vec3d& t = parameters.t_right_left;
-  if (!(t[0] < 0) || std::abs(t[1]) > std::abs(t[0]))
-    throw CalibrationError("the right camera is at " + text("x = %.4f m, y = %.4f m", -t[0], -t[1]) +
-                           " seen from the left one; it must be to the right of it: are left and right swapped, or the "
-                           "images rotated?");
-  cv::Matx33d R_left, R_right;
-  cv::Matx34d P_left, P_right;
-  cv::Matx44d Q;
-  constexpr double kKeepScale = -1;
-  const bool fisheye = parameters.lens == LensModel::kEquidistant;  // which OpenCV's function does not know
-  const std::vector<double> none;
-  cv::stereoRectify(parameters.K_left, fisheye ? none : parameters.D_left, parameters.K_right,
-                    fisheye ? none : parameters.D_right, parameters.size, parameters.R_right_left,
-                    parameters.t_right_left, R_left, R_right, P_left, P_right, Q, 0, kKeepScale);
-  if (fisheye) centre(parameters, R_left, R_right, P_left, P_right);
-  StereoModel model{{parameters.size, parameters.K_left, parameters.lens, parameters.D_left, R_left, P_left},
-                    {parameters.size, parameters.K_right, parameters.lens, parameters.D_right, R_right, P_right}};
-  model.validate();
-  return model;
-}
-
-SetErrors checkPairs(const StereoParameters& parameters, const Board& board, const std::vector<BoardPair>& pairs) {
-  if (pairs.empty()) throw CalibrationError("no pairs to check the calibration on; give at least one");
-  const StereoModel model = rectify(parameters);
-  std::vector<PairErrors> errors;
-  for (const auto& pair : pairs) errors.push_back(checkPair(parameters, model, board, pair));
-  return summarise(std::move(errors));
-}
 
 StereoCalibration calibrateStereo(const Board& board, const cv::Size& size, const std::vector<BoardPair>& pairs,
                                   const std::function<void(double)>& progress, LensModel lens) {
@@ -337,7 +219,7 @@ StereoCalibration calibrateStereo(const Board& board, const cv::Size& size, cons
   if (!(calibration.focal_deviation <= kLargestFocalDeviation))
     throw CalibrationError(
         "the views determine a focal length only to " +
-        text("%.1f %% (limit %.0f %%)", 100 * calibration.focal_deviation, 100 * kLargestFocalDeviation) +
+        formatted("%.1f %% (limit %.0f %%)", 100 * calibration.focal_deviation, 100 * kLargestFocalDeviation) +
         "; the boards are too parallel: take views tilted by 20 to 40 degrees in all directions");
 
   const StereoParameters start = screening.start();

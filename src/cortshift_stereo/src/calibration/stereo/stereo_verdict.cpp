@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+
+#include "cortshift_flow/text.hpp"
 
 namespace cortshift_stereo {
 namespace {
+
+using cortshift_flow::formatted;
 
 // A pair whose rows disagree by more than 1 px is refused (max_epipolar_residual of the reconstruction).
 constexpr double kUsablePixels = 1.0;
@@ -23,12 +26,6 @@ constexpr std::size_t kGoodPairs = 10;
 // Working distances of microscopes and endoscopes [m]; farther boards have wrong squares.
 constexpr double kNearest = 0.05, kFarthest = 1.0;
 
-std::string text(const char* format, double first, double second = 0) {
-  char line[200];
-  std::snprintf(line, sizeof line, format, first, second);
-  return line;
-}
-
 }  // namespace
 
 CalibrationVerdict judgeStereo(const StereoCalibration& calibration, const std::optional<SetErrors>& checks) {
@@ -37,7 +34,7 @@ CalibrationVerdict judgeStereo(const StereoCalibration& calibration, const std::
   const double alone = std::max(calibration.left_alone_rms, calibration.right_alone_rms);
   if (joint > kHarmlessPixels)
     verdict.judge(joint / alone, kLikeAlone, kUnlikeAlone,
-                  text("both cameras together miss the corners by %.2f px, each alone by %.2f px", joint, alone) +
+                  formatted("both cameras together miss the corners by %.2f px, each alone by %.2f px", joint, alone) +
                       ": the boards were not taken at the same time (or the cameras moved between); fire both cameras "
                       "by one trigger, or hold the board still on a stand");
   SetErrors held_out = checks ? *checks : calibration.scores.front().held_out;
@@ -45,33 +42,33 @@ CalibrationVerdict judgeStereo(const StereoCalibration& calibration, const std::
     for (const auto& score : calibration.scores)
       if (score.model == calibration.model) held_out = score.held_out;
   verdict.judge(held_out.epipolar_rms, kHarmlessPixels, kUsablePixels,
-                text("rows of views that took no part disagree by %.2f px (good is %.2f px)", held_out.epipolar_rms,
-                     kHarmlessPixels) +
+                formatted("rows of views that took no part disagree by %.2f px (good is %.2f px)",
+                          held_out.epipolar_rms, kHarmlessPixels) +
                     ": take sharp views of a flat board with both cameras at rest");
   const double offered = static_cast<double>(calibration.used.pairs.size() + calibration.screened.size());
   verdict.judge(
       static_cast<double>(calibration.screened.size()) / offered, kFewLeftOut, kMostLeftOut,
-      text("%.0f of %.0f views do not fit the others", static_cast<double>(calibration.screened.size()), offered) +
+      formatted("%.0f of %.0f views do not fit the others", static_cast<double>(calibration.screened.size()), offered) +
           ": look at their reasons and take them again");
   if (calibration.reach < kFarReach)
     verdict.add(Grade::kDoubtful,
-                text("the boards reach only %.0f %% of the way to a corner of the image (good is %.0f "
-                     "%%)",
-                     100 * calibration.reach, 100 * kFarReach) +
+                formatted("the boards reach only %.0f %% of the way to a corner of the image (good is %.0f "
+                          "%%)",
+                          100 * calibration.reach, 100 * kFarReach) +
                     ": take views with the board in every corner");
   if (calibration.focal_deviation > kHarmlessFocalDeviation)
-    verdict.add(Grade::kDoubtful, text("a focal length is known to %.1f %% only (good is %.0f %%)",
-                                       100 * calibration.focal_deviation, 100 * kHarmlessFocalDeviation) +
+    verdict.add(Grade::kDoubtful, formatted("a focal length is known to %.1f %% only (good is %.0f %%)",
+                                            100 * calibration.focal_deviation, 100 * kHarmlessFocalDeviation) +
                                       ": take views tilted by 20 to 40 degrees in all directions");
   if (calibration.used.pairs.size() < kGoodPairs)
     verdict.add(Grade::kDoubtful,
-                text("only %.0f views were used (good are %.0f)", static_cast<double>(calibration.used.pairs.size()),
-                     static_cast<double>(kGoodPairs)) +
+                formatted("only %.0f views were used (good are %.0f)",
+                          static_cast<double>(calibration.used.pairs.size()), static_cast<double>(kGoodPairs)) +
                     ": take more");
   if (calibration.distance < kNearest || calibration.distance > kFarthest)
     verdict.add(Grade::kDoubtful,
-                text("the boards would be %.2f m away: is the side of a square right (metres, not millimetres)?",
-                     calibration.distance));
+                formatted("the boards would be %.2f m away: is the side of a square right (metres, not millimetres)?",
+                          calibration.distance));
   return verdict;
 }
 
