@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <utility>
 
 #include "calibration/least_squares.hpp"
 #include "calibration/stereo/pair_check.hpp"
@@ -22,7 +23,7 @@ const Candidate kCandidates[] = {
     {"k1 k2 p1 p2 k3", 0},
 };
 const Candidate kRational{"k1 k2 p1 p2 k3 k4 k5 k6", cv::CALIB_RATIONAL_MODEL};
-const char* const kEquidistantTerms[] = {"k1", "k1 k2", "k1 k2 k3", "k1 k2 k3 k4"};
+const std::pair<const char*, int> kEquidistantTerms[] = {{"k1", 1}, {"k1 k2", 2}, {"k1 k2 k3 k4", 4}};
 const cv::TermCriteria kUntilSettled(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 60, 1e-9);
 
 constexpr Eigen::Index kIntrinsics = 4;
@@ -108,12 +109,13 @@ StereoParameters calibrateBoth(const PointLists& points, const StereoParameters&
 std::vector<NamedFit> fitsOf(LensModel lens) {
   std::vector<NamedFit> fits;
   if (lens == LensModel::kEquidistant) {
-    for (int terms = 1; terms <= static_cast<int>(std::size(kEquidistantTerms)); ++terms)
-      fits.push_back({kEquidistantTerms[terms - 1],
-                      [terms](const Board& board, const std::vector<BoardPair>& pairs, const StereoParameters& start) {
-                        const auto near = calibrateBoth(PointLists(board, pairs), start, kRadialLens);
-                        return fitEquidistant(board.points(), pairs, near, terms);
-                      }});
+    for (const auto& candidate : kEquidistantTerms)
+      fits.push_back(
+          {candidate.first, [terms = candidate.second](const Board& board, const std::vector<BoardPair>& pairs,
+                                                       const StereoParameters& start) {
+             const auto near = calibrateBoth(PointLists(board, pairs), start, kRadialLens);
+             return fitEquidistant(board.points(), pairs, near, terms);
+           }});
     return fits;
   }
   std::vector<Candidate> candidates(std::begin(kCandidates), std::end(kCandidates));

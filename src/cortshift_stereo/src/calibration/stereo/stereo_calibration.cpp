@@ -21,6 +21,7 @@ constexpr double kOutlierFloorPx = 0.75;    // no view below is called an outlie
 constexpr double kOutlierFloorPose = 0.05;  // of the relative pose: radians, and share of the board's distance
 constexpr double kLargestFocalDeviation = 0.02;
 constexpr double kLeastTilt = 8 * CV_PI / 180;
+
 /// Root mean square angle between the boards' normals and the optical axis [rad].
 double rmsTilt(const SingleCamera& camera) {
   double squares = 0;

@@ -180,7 +180,7 @@ TEST(StereoCalibration, FindsEveryLens) {
   for (const LensModel lens : {LensModel::kRationalPolynomial, LensModel::kEquidistant}) {
     SCOPED_TRACE(nameOf(lens));
     const WideHead wide(lens);
-    const auto views = someViews(wide.head, wide.board, 16, 0.6, 0.05, 9, 10);
+    const auto views = someViews(wide.head, wide.board, 12, 0.6, 0.05, 9, 10);
     const auto result = calibrateStereo(wide.board, wide.head.size, views, {}, lens);
     std::printf("%s: terms %s, reprojection %.3f px, focal length %.1f of %.1f px\n", nameOf(lens).c_str(),
                 result.model.c_str(), result.used.reprojection_rms, result.parameters.K_left(0, 0),
