@@ -27,9 +27,13 @@ Eigen::Vector3d toEigen(const cv::Vec3d& v) { return {v[0], v[1], v[2]}; }
 /// Projects with OpenCV, which shares no code with the phantom.
 Eigen::Vector2d projectWithOpenCv(const View& view, const Eigen::Vector3d& point_pmr) {
   const Eigen::Vector3d p = view.T_pmr_camera.inverse() * point_pmr;
+  const std::vector<cv::Point3d> point{{p.x(), p.y(), p.z()}};
+  const cv::Vec3d none(0, 0, 0);
   std::vector<cv::Point2d> pixel;
-  cv::projectPoints(std::vector<cv::Point3d>{{p.x(), p.y(), p.z()}}, cv::Vec3d(0, 0, 0), cv::Vec3d(0, 0, 0), view.K,
-                    std::vector<double>(view.D.begin(), view.D.end()), pixel);
+  if (view.lens == cortshift_stereo::LensModel::kEquidistant)
+    cv::fisheye::projectPoints(point, pixel, none, none, view.K, view.D);
+  else
+    cv::projectPoints(point, none, none, view.K, view.D, pixel);
   return {pixel[0].x, pixel[0].y};
 }
 
@@ -242,6 +246,20 @@ TEST(PhantomCameras, rectifiedRowsAgreeAndTriangulateToTheSamePoint) {
   }
 }
 
+TEST(PhantomCameras, everyLensIsExact) {
+  for (const auto& [lens, D] :
+       {std::pair(cortshift_stereo::LensModel::kRationalPolynomial,
+                  std::vector<double>{0.5, -0.7, 0.002, -0.001, 0.2, 0.8, -0.4, 0.1}),
+        std::pair(cortshift_stereo::LensModel::kEquidistant, std::vector<double>{-0.2, 0.3, -0.1, 0.05})}) {
+    PhantomCase wide = demoScene().description();
+    wide.cameras.lens = lens;
+    wide.cameras.left_distortion = wide.cameras.right_distortion = D;
+    const PhantomScene scene(wide);
+    expectTruthExact(scene, 1, scene.view(1, Side::kLeft), 200);
+    expectTruthExact(scene, 1, scene.view(1, Side::kRight), 200);
+  }
+}
+
 TEST(PhantomCameras, rawAndRectifiedPixelsAgreeThroughOpenCv) {
   const PhantomScene& scene = demoScene();
   const auto& model = scene.stereoHead().model;
@@ -351,6 +369,15 @@ TEST(PhantomScript, minimalCaseTakesTheDefaults) {
   EXPECT_EQ(minimal.stages.at(0).name, "only");
 }
 
+TEST(PhantomScript, readsTheLens) {
+  const PhantomCase wide = parsePhantomCase(
+      "{name: m, cameras: {lens: equidistant, left_distortion: [0.1, 0, 0, 0], right_distortion: [0, 0.1, 0, 0]}, "
+      "stages: [{name: only}]}",
+      "test");
+  EXPECT_EQ(wide.cameras.lens, cortshift_stereo::LensModel::kEquidistant);
+  EXPECT_EQ(makeStereoHead(wide.cameras).model.right.D, std::vector<double>({0, 0.1, 0, 0}));
+}
+
 TEST(PhantomScript, refusesWhatIsWrongByName) {
   EXPECT_NE(errorOf("{name: m}").find("at least one stage"), std::string::npos);
   EXPECT_NE(errorOf("{stages: [{name: a}]}").find("name is missing"), std::string::npos);
@@ -366,6 +393,11 @@ TEST(PhantomScript, refusesWhatIsWrongByName) {
   EXPECT_NE(errorOf("{name: m, brain_in_pmr: {rpy: [0, 0, 0]}, stages: [{name: a}]}").find("translation is missing"),
             std::string::npos);
   EXPECT_NE(errorOf("{name: m, gravity_in_pmr: [0, 0, 0], stages: [{name: a}]}").find("gravity_in_pmr"),
+            std::string::npos);
+  EXPECT_NE(errorOf("{name: m, cameras: {lens: fisheye}, stages: [{name: a}]}").find("cameras.lens is 'fisheye'"),
+            std::string::npos);
+  EXPECT_NE(errorOf("{name: m, cameras: {lens: equidistant}, stages: [{name: a}]}")
+                .find("cameras.left_distortion has 5 values; equidistant has 4"),
             std::string::npos);
   EXPECT_NE(errorOf("{name: m, stages: [").find("not YAML"), std::string::npos);
   EXPECT_NE(errorOf("just text").find("mapping"), std::string::npos);

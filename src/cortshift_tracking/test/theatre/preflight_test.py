@@ -100,6 +100,26 @@ def test_calibrations_that_do_not_match(site, tmp_path):
     assert 'hand_eye is older' in findings(site)['calibration match']
 
 
+@pytest.mark.parametrize('model, terms, complaint', [
+    ('rational_polynomial', [0.1] * 8, None), ('equidistant', [0.1] * 4, None), ('plumb_bob', [0.1] * 4, None),
+    ('rational_polynomial', [0.1] * 8 + [0] * 6, None),
+    ('fisheye', [0.1] * 4, 'supported are plumb_bob, rational_polynomial, equidistant'),
+    ('rational_polynomial', [0.1] * 5, '5 distortion_coefficients; rational_polynomial has 8'),
+    ('plumb_bob', [0.1] * 12, '12 distortion_coefficients; plumb_bob has 5')])
+def test_lenses_and_flat_lists(site, tmp_path, model, terms, complaint):
+    for side in ('left', 'right'):
+        camera = yaml.safe_load(camera_yaml('2026-04-20T10:00:00Z', side))
+        camera = {'width': 320, 'height': 240, 'distortion_model': model, 'D': terms, 'K': camera['camera_matrix']['data'],
+                  'R': camera['rectification_matrix']['data'], 'P': camera['projection_matrix']['data']}
+        (tmp_path / f'{side}.yaml').write_text('# verdict: good\n# Calibrated 2026-04-20T10:00:00Z from 20 views\n' + yaml.safe_dump(camera))
+    found = findings(site)
+    if complaint:
+        assert complaint in found['calibration_left']
+    else:
+        assert found == {}
+        assert '320 x 240 pixels, baseline 25.00 mm' in findings(site, pf.OK)['calibration match']
+
+
 def test_calibration_that_is_missing_or_broken(site, tmp_path):
     (tmp_path / 'left.yaml').write_text('- 1\n')
     site['stereo_driver']['calibration_right'] = ''

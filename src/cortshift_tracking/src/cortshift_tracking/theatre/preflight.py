@@ -94,13 +94,42 @@ def check_calibration(driver, limits, now):
         except (OSError, ValueError, yaml.YAMLError) as error:
             findings.append(Finding(FAIL, key, f'{value} cannot be read ({error}); calibrate, or correct the path'))
             loaded.pop(key, None)
+    lenses = [lens_finding(key, loaded[key]) for key in loaded if key != 'hand_eye']
+    findings += [finding for finding in lenses if finding]
     if 'calibration_left' not in loaded or 'calibration_right' not in loaded:
         return findings, None
     return findings + match_findings(paths, loaded), image_size(loaded['calibration_left'])
 
 
 def image_size(camera):
-    return camera.get('image_width'), camera.get('image_height')
+    return camera.get('image_width', camera.get('width')), camera.get('image_height', camera.get('height'))
+
+
+def camera_numbers(camera, key, short_key):
+    """Numbers of a camera_info: {data: [...]}, a flat list or a list of rows, by its own key or the message's."""
+    found = camera[key] if key in camera else camera[short_key]
+    found = found['data'] if isinstance(found, dict) else found
+    return [number for row in found for number in (row if isinstance(row, list) else [row])]
+
+
+LENSES = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (8,), 'equidistant': (4,)}
+
+
+def lens_finding(key, camera):
+    """What the nodes would refuse; None where they would not."""
+    model = camera.get('distortion_model')
+    if model not in LENSES:
+        return Finding(FAIL, key, f'distortion_model is {model!r}; supported are {", ".join(LENSES)}')
+    try:
+        terms = camera_numbers(camera, 'distortion_coefficients', 'D')
+    except (KeyError, TypeError):
+        return Finding(FAIL, key, 'distortion_coefficients are missing; calibrate again')
+    needed = max(LENSES[model])
+    if model != 'equidistant' and len(terms) in (8, 12, 14) and not any(terms[needed:]):
+        terms = terms[:needed]  # OpenCV fills up with zeros
+    if len(terms) not in LENSES[model]:
+        return Finding(FAIL, key, f'{len(terms)} distortion_coefficients; {model} has {needed}')
+    return None
 
 
 def match_findings(paths, loaded):
@@ -110,7 +139,7 @@ def match_findings(paths, loaded):
         return [Finding(FAIL, 'calibration match', f'left is for {image_size(left)} pixels, right for {image_size(right)}; '
                         'take both files of one calibration')]
     try:
-        projection = [camera['projection_matrix']['data'] for camera in (left, right)]
+        projection = [camera_numbers(camera, 'projection_matrix', 'P') for camera in (left, right)]
         same = all(projection[0][i] == projection[1][i] for i in (0, 5))
         baseline = -projection[1][3] / projection[1][0]
     except (KeyError, TypeError, IndexError, ZeroDivisionError):
@@ -124,7 +153,7 @@ def match_findings(paths, loaded):
     if 'hand_eye' in loaded and dates['hand_eye'][0] < dates['calibration_left'][0] and dates['hand_eye'][1]:
         return [Finding(FAIL, 'calibration match', 'hand_eye is older than the stereo calibration it builds on; '
                         'run calibrate_hand_eye again')]
-    return [Finding(OK, 'calibration match', f'{left.get("image_width")} x {left.get("image_height")} pixels, '
+    return [Finding(OK, 'calibration match', f'{image_size(left)[0]} x {image_size(left)[1]} pixels, '
                     f'baseline {1000 * baseline:.2f} mm')]
 
 
