@@ -44,7 +44,7 @@ ROOMS = {
     'tracking/field': TRACKING_CORE | {'tracking/case', 'stereo', 'stereo/geometry', 'flow'},   # of case the names of stages alone
     'tracking/surround': TRACKING_CORE | {'stereo', 'stereo/geometry', 'flow'},
     'tracking/case': TRACKING_CORE | STEREO_CORE | {'stereo/ros'},
-    'tracking/igtl': {'tracking', 'flow', 'tracking/case'},   # of case what a key is and files that last
+    'tracking/igtl': {'tracking', 'flow', 'stereo', 'tracking/case'},   # of case what a key is alone
     'tracking/model': TRACKING_CORE | STEREO_CORE | {'flow'},
     'tracking/phantom': TRACKING_CORE | STEREO_CORE | {'stereo/phantom', 'flow/phantom'},
     'tracking/ros': TRACKING_CORE | STEREO_CORE | {'stereo/ros', 'tracking/case', 'tracking/igtl', 'tracking/model', 'flow'},
