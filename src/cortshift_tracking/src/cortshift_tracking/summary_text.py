@@ -7,10 +7,10 @@ def in_mm(mean, sd):
 
 
 def summary_lines(summary):
-    """The numbers of a ShiftSummary as (name, text); what is not known is left out."""
+    """The numbers of a ShiftSummary as (name, text); what is not known is left out, and no warning is."""
     lines = [('magnitude', in_mm(summary.magnitude_mean, summary.magnitude_sd)),
              ('along gravity', in_mm(summary.gravity_mean, summary.gravity_sd)),
              ('along the normal', in_mm(summary.normal_mean, summary.normal_sd)),
              ('lateral', in_mm(summary.lateral_mean, summary.lateral_sd)),
              ('overlap', f'{100 * summary.overlap:.0f} %')]
-    return [(name, text) for name, text in lines if 'nan' not in text]
+    return [(name, text) for name, text in lines if 'nan' not in text] + [('warning', text) for text in summary.warnings]
