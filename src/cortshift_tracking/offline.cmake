@@ -26,19 +26,16 @@ endforeach()
 install(TARGETS ${PROJECT_NAME}_offline LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION})
 
 if(CATKIN_ENABLE_TESTING)
-  catkin_add_gmock(bag_file_test test/offline/bag/bag_file_test.cpp)
-  target_link_libraries(bag_file_test ${PROJECT_NAME}_offline ${GMOCK_MAIN_LIBRARIES})
+  cortshift_test(bag_file_test gmock quick 300 FILES test/offline/bag/bag_file_test.cpp LIBRARIES ${PROJECT_NAME}_offline)
 
   find_package(rostest REQUIRED)
   foreach(test mean replay)
     cortshift_test(process_bag_${test}_test rostest graph 900 FILES test/offline/process_bag_${test}.test
       DEPENDS process_bag shift_tracker)
   endforeach()
-  # Faults in the shipped recording: each kind by name, and at random (label long).
+  # Faults in the shipped recording: each kind by name, and at random.
   foreach(test admission fault_property)
-    catkin_run_tests_target("pytest" ${test} "pytest-${test}.xml"
-      COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-${test}.xml test/offline/${test}_test.py"
-      WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
+    cortshift_test(bag_${test}_test pytest long 1200 FILES test/offline/${test}_test.py DEPENDS process_bag validate_bag)
   endforeach()
   foreach(test cohort export offline)
     cortshift_test(${test}_test pytest long 1200 FILES test/${test}/${test}_test.py DEPENDS process_bag recompute validate_bag)

@@ -33,8 +33,8 @@ TEST(BrightnessMap, FindsGainAndOffset) {
     for (int c = 0; c < 3; ++c) value[c] = 0.85f * value[c] + 0.05f;
   const BrightnessMap map = BrightnessMap::fit({first, second, {}, {}}, constantFlow(kSize, 0, 0), {}, 1);
   EXPECT_TRUE(map.significant());
-  // A tenth of the difference is left: the fit expects no change and gives way to the data.
-  EXPECT_LT(meanSquare(map.apply(first, 1), second), 0.01 * meanSquare(first, second));
+  // A seventh of the difference may be left: the fit expects no change, and gives way to the data only so far.
+  EXPECT_LT(meanSquare(map.apply(first, 1), second), 0.02 * meanSquare(first, second));
 }
 
 TEST(BrightnessMap, FollowsAGainThatVaries) {
@@ -45,7 +45,7 @@ TEST(BrightnessMap, FollowsAGainThatVaries) {
       for (int c = 0; c < 3; ++c)
         second(y, x)[c] *= 0.8f + 0.003f * static_cast<float>(x) - 0.001f * static_cast<float>(y);
   const BrightnessMap map = BrightnessMap::fit({first, second, {}, {}}, constantFlow(kSize, 0, 0), {}, 1);
-  EXPECT_LT(meanSquare(map.apply(first, 1), second), 0.02 * meanSquare(first, second));
+  EXPECT_LT(meanSquare(map.apply(first, 1), second), 0.06 * meanSquare(first, second));  // smoothed over 3 cells
   // At twice the size it is the same map.
   cv::Mat4f large(2 * kSize.height, 2 * kSize.width, cv::Vec4f::all(0.5f));
   const cv::Mat4f applied = map.apply(large, 1);

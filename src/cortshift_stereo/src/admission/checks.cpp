@@ -110,7 +110,7 @@ Check checkOf(CheckId id) {
               "within the recording; else left out and said", "", "process_bag, validate_bag"};
     case CheckId::kSimTime:
       return {"sim_time", "use_sim_time and /clock", "a clock that runs; else warned of", "use_sim_time",
-              "reconstruction, shift_tracker, driver"};
+              "reconstruction, shift_tracker"};
     case CheckId::kDeviceClock:
       return {"device_clock", "a camera's clock against the computer's",
               "no jump; else its map begins anew and it is said", "", "driver"};

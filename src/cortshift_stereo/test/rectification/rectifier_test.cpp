@@ -77,19 +77,23 @@ cv::Mat tissue() {
 
 TEST(Highlights, AreSaturatedPixelsAndTheGlowNearThem) {
   cv::Mat image = tissue();
-  const cv::Point lamp(700, 200), far(300, 400);
-  for (const cv::Point centre : {lamp, far})
-    cv::ellipse(image, centre, {21, 14}, 0, 0, 360, cv::Scalar(150, 155, 190), -1);
+  const cv::Point lamp(700, 200);
+  const auto around = [&](int distance) {
+    return std::vector<cv::Point>{lamp + cv::Point(distance, 0), lamp - cv::Point(distance, 0),
+                                  lamp + cv::Point(0, distance), lamp - cv::Point(0, distance)};
+  };
+  // Pale spots near the mirrored lamp and the same ones farther away.
+  for (const int distance : {19, 60})
+    for (const cv::Point& spot : around(distance)) cv::circle(image, spot, 4, cv::Scalar(150, 155, 190), -1);
   cv::circle(image, lamp, 4, cv::Scalar(255, 255, 255), -1);
   const Highlights found = findHighlights(image);
   EXPECT_EQ(found.saturated.at<uint8_t>(lamp), 255);
   EXPECT_EQ(found.saturated.at<uint8_t>(lamp + cv::Point(5, 0)), 255);  // and the pixels beside them
   EXPECT_EQ(found.saturated.at<uint8_t>(lamp + cv::Point(7, 0)), 0);
-  for (const cv::Point in : {cv::Point(17, 0), cv::Point(-17, 0), cv::Point(0, 10), cv::Point(0, -10)})
-    EXPECT_EQ(found.glow.at<uint8_t>(lamp + in), 255) << in;
-  for (const cv::Point out : {cv::Point(60, 0), cv::Point(-60, 0), cv::Point(0, 60), cv::Point(0, -60)})
-    EXPECT_EQ(found.glow.at<uint8_t>(lamp + out), 0) << out;
-  EXPECT_EQ(found.glow.at<uint8_t>(far), 0) << "bright and pale, but no lamp is mirrored there";
+  for (const cv::Point& spot : around(19)) EXPECT_EQ(found.glow.at<uint8_t>(spot), 255) << spot;
+  for (const cv::Point& spot : around(60)) EXPECT_EQ(found.glow.at<uint8_t>(spot), 0) << spot << ": no lamp is near";
+  for (const cv::Point& dark : around(12))
+    EXPECT_EQ(found.glow.at<uint8_t>(dark), 0) << dark << ": as dark as all tissue";
 }
 
 TEST(Highlights, OneSaturatedChannelIsBrightTissue) {

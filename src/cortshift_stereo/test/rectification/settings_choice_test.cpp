@@ -1,5 +1,6 @@
 // Which rectification a setting gets, which setting a pair has, and the gathering of pairs for a mean; no master
 // needed.
+#include <cortshift_msgs/MicroscopeSettings.h>
 #include <gmock/gmock.h>
 
 #include <boost/make_shared.hpp>

@@ -155,7 +155,7 @@ def test_bad_lines_are_left_out_and_stand_in_the_table(tmp_path):
     assert rows['line 5']['reason'] == 'it has 3 columns, the first line 4' and rows['line 3']['status'] == 'failed'
     assert rows['p1']['warnings'] == 'the microscope moved'
     page = (tmp_path / 'cohort.html').read_text()
-    assert 'warning: the microscope moved' in page and 'case &quot;p5&quot; stands twice, in lines 6 and 7' in page
+    assert 'the microscope moved' in page and 'case &quot;p5&quot; stands twice, in lines 6 and 7' in page
     (tmp_path / 'p1.json').write_text('{')
     _, refused = run_tool('cohort_table', tmp_path / 'p1.json', '--output', tmp_path, status=1)
     assert 'p1.json: is no whole result of a case; process the case again' in refused

@@ -49,7 +49,7 @@ class DemoCase(unittest.TestCase):
         run = tool('cortshift_tracking', 'demo_case', CASE, cls.folder)
         assert run.returncode == 0, run.stdout
         cls.case = read_case(cls.folder)
-        cls.picks = read_picks(os.path.join(cls.folder, 'picks.csv'))
+        cls.picks, _ = read_picks(os.path.join(cls.folder, 'picks.csv'))
 
     @classmethod
     def tearDownClass(cls):

@@ -77,7 +77,7 @@ def axes_of_the_surface(key, label, step=1e-5):
 @pytest.mark.parametrize('amount', [0.0003, -0.0003])
 def test_a_probe_that_is_off_shows_where_and_by_how_much(exact, label, amount):
     """To the picked point: the whole length; to the surface: what is along its normal, positive outside."""
-    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))
+    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))[0]
     for axis, to_surface in zip(axes_of_the_surface(NAMES[1], label), (amount, 0, 0)):
         found = {a.label: a for a in surface_accuracy(exact.stage(NAMES[1]), moved(exact.points, NAMES[1], label, amount * axis), picks)}
         assert abs(found[label].to_homologous - abs(amount)) < 3e-5 and abs(found[label].to_surface - to_surface) < 3e-5
@@ -88,7 +88,7 @@ def test_a_probe_that_is_off_shows_where_and_by_how_much(exact, label, amount):
 def test_a_displacement_that_is_off_shows_along_its_axis(exact, label):
     """A later point that is off by 0.3 mm: along the displacement its length changes by that, across it hardly."""
     field, stage = exact.field(NAMES[0], NAMES[2]), exact.stage(NAMES[0])
-    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))
+    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))[0]
     true = np.subtract(*(synthetic.surface(key, *map(np.array, synthetic.LABELS[label])) for key in (NAMES[2], NAMES[0])))
     along = true / np.linalg.norm(true)
     across = np.cross(along, [1, 0, 0])

@@ -286,7 +286,12 @@ class AravisCamera::Implementation {
     const cv::Size size(arv_buffer_get_image_width(buffer), arv_buffer_get_image_height(buffer));
     if (bytes < bytesOfImage(common_.pixel_format, size)) return frame;
     const Stamp device(static_cast<Stamp::rep>(arv_buffer_get_timestamp(buffer)));
-    clock_.add(device, Stamp(static_cast<Stamp::rep>(arv_buffer_get_system_timestamp(buffer))));
+    const double jumped = clock_.add(device, Stamp(static_cast<Stamp::rep>(arv_buffer_get_system_timestamp(buffer))));
+    if (jumped != 0) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      ++state_.clock_jumps;
+      state_.last_clock_jump = jumped;
+    }
     // The camera stamps the beginning of the exposure.
     frame.stamp = clock_.toHost(device) + fromSeconds(common_.exposure / 2 - common_.transfer_delay);
     frame.image = toBgr(common_.pixel_format, size, data);

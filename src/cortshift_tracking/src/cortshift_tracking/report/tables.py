@@ -71,8 +71,7 @@ def table_3(case):
             angle = float(np.arccos(np.clip(case.first_normal_pmr @ gravity, -1, 1)))
         minutes = float('nan') if field.from_mr else (field.to_stamp - field.from_stamp) / 60
         rows.append([f'{field.from_key} -> {field.to_key}', minutes] + [1000 * v for pair in pairs for v in pair] +
-                    [np.degrees(angle), s.compute_time, 100 * s.overlap, int(s.valid_points),
-                     '; '.join(s.warnings)])
+                    [np.degrees(angle), s.compute_time, 100 * s.overlap, int(s.valid_points), ' | '.join(s.warnings)])
     return rows
 
 

@@ -158,7 +158,7 @@ ros::Time BagFile::stampOf(const BagEntry& entry) const {
 
 void BagFile::requireType(const BagEntry& entry, const std::string& type, const std::string& md5sum) const {
   const BagTopic& topic = topics()[entry.topic];
-  if (topic.type == type && topic.md5sum == md5sum) return;
+  if (topic.md5sum == md5sum) return;  // tf/tfMessage is the old name of tf2_msgs/TFMessage
   throw TrackingError(path_.string() + ": " + topic.name + " carries " + topic.type +
                       (topic.type == type ? " of another version" : "") + ", " + type +
                       " is needed; convert the bag with `rosbag fix`, or record that topic");

@@ -12,7 +12,7 @@ from cortshift_tracking.mr.reader import load_volume
 from pcd import read_pcd
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-CASE = os.path.join(HERE, '..', '..', '..', '..', 'config', 'phantom', 'phantom_registration.yaml')
+CASE = os.path.join(HERE, '..', '..', '..', '..', '..', 'config', 'phantom', 'phantom_registration.yaml')
 
 
 def tool(name, *arguments, text=None):

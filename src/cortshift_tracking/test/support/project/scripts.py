@@ -3,7 +3,7 @@ import importlib.machinery
 import importlib.util
 import pathlib
 
-ROOT = pathlib.Path(__file__).resolve().parents[4]
+ROOT = pathlib.Path(__file__).resolve().parents[5]
 
 
 def script(name):
