@@ -10,7 +10,7 @@ target_link_libraries(record_parts ${PROJECT_NAME}_recording)
 install(TARGETS ${PROJECT_NAME}_recording record_parts
   LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION} RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 
-catkin_install_python(PROGRAMS scripts/case_recorder scripts/console scripts/preflight
+catkin_install_python(PROGRAMS scripts/case_recorder scripts/console scripts/play_case scripts/preflight
   DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
