@@ -158,9 +158,10 @@ Findings CaseRecording::judgeClock(const PairPlace& pair) const {
                                               std::max(period, ClockLimits::kTransport), "record time");
   constexpr double kBeside = 0.5;  // [s]
   std::vector<double> lags;
-  for (const BagEntry& entry : bag_.entries({kTf}, shifted(pair.arrival, -kBeside), shifted(pair.arrival, kBeside)))
-    for (const auto& sample : bag_.read<tf2_msgs::TFMessage>(entry)->transforms)
-      lags.push_back(entry.time.toSec() - sample.header.stamp.toSec());
+  for (const BagEntry& entry : bag_.entries({kTf}, shifted(pair.arrival, -kBeside), shifted(pair.arrival, kBeside))) {
+    const tf2_msgs::TFMessageConstPtr message = bag_.read<tf2_msgs::TFMessage>(entry);
+    for (const auto& sample : message->transforms) lags.push_back(entry.time.toSec() - sample.header.stamp.toSec());
+  }
   if (lags.empty()) return found;
   const auto middle = lags.begin() + static_cast<std::ptrdiff_t>(lags.size() / 2);
   std::nth_element(lags.begin(), middle, lags.end());
