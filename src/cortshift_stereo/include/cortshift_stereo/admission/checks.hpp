@@ -45,6 +45,7 @@ enum class CheckId {
   // A case
   kRegistrationUnsettled,
   kEpoch,
+  kOtherPair,
   kNotUnderstood,
   kStatus,
   kCount  // of the above
