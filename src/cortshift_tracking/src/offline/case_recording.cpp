@@ -96,6 +96,11 @@ void CaseRecording::findRange() {
   }
   begin_ = *first;
   end_ = *last;
+  // Times are added to and subtracted from: beyond these bounds ros::Time and ros::Duration overflow.
+  constexpr std::uint32_t kYear = 365 * 86400;
+  if (end_.sec >= 0xffffffffu - kYear)
+    throw TrackingError(bag_.path().string() + " is damaged: its messages' times go from " +
+                        std::to_string(begin_.sec) + " s to " + std::to_string(end_.sec) + " s; " + kDamagedBagRemedy);
   remarks_.push_back(Finding{CheckId::kAbsurdStamp, Verdict::kWarn, "The recording",
                              "holds " +
                                  (absurd == 0 ? std::string("messages of other topics")
