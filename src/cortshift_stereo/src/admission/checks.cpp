@@ -124,6 +124,10 @@ Check checkOf(CheckId id) {
       return {"epoch", "patient registration, camera_info, hand-eye and stereo edge of two stages",
               "the same; else compute_shift refuses and compute_shift_across_epochs warns", "",
               "shift_tracker, process_bag, recompute"};
+    case CheckId::kOtherPair:
+      return {"other_pair", "exposure of the captured pair against the time that was asked for",
+              "not later by more than max_surface_age; else warned of", "max_surface_age",
+              "shift_tracker, process_bag"};
     case CheckId::kNotUnderstood:
       return {"not_understood", "topics of a recording", "listed where nothing that is understood was heard", "",
               "process_bag, validate_bag"};

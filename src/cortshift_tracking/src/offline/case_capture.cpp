@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "cortshift_stereo/admission/limits.hpp"
+#include "cortshift_stereo/admission/rig_evidence.hpp"
 #include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_stereo/ros/shifted_time.hpp"
@@ -168,6 +169,9 @@ CaseCapture::Captured CaseCapture::captureOne(const PlannedCapture& planned) con
     try {
       captured.record = recordOf(place);
       captured.arrival = place.arrival;
+      cortshift_stereo::addWarnings(
+          captured.record.info.warnings,
+          cortshift_stereo::checkWait(exposed(place).toSec() - asked.toSec(), max_age).warnings());
       return true;
     } catch (const std::exception& error) {
       why = dropped(place, error);

@@ -46,6 +46,7 @@ enum class CheckId {
   // A case
   kRegistrationUnsettled,
   kEpoch,
+  kOtherPair,
   kNotUnderstood,
   kStatus,
   kCount  // of the above
