@@ -65,28 +65,59 @@ double shareOfValid(const cv::Mat& disparity) {
   return static_cast<double>(cv::countNonZero(disparity == disparity)) / static_cast<double>(disparity.total());
 }
 
-void checkMatch(const ReconstructionQuality& quality, const PairLimits& limits) {
-  constexpr int kFewestCorners = 20;
-  const EpipolarResidual& epipolar = quality.epipolar;
-  constexpr double kPlainlyBetter = 0.5;
-  if (epipolar.matched >= kFewestCorners && epipolar.spread_if_swapped < kPlainlyBetter * epipolar.spread)
-    throw PairError("swapped", "Left and right are swapped: the rows of the two images agree to " +
-                                   number(epipolar.spread_if_swapped) + " px when exchanged, but to " +
-                                   number(epipolar.spread) + " px as they are; exchange the cables or the topics.");
-  if (epipolar.matched >= kFewestCorners && epipolar.spread > limits.max_epipolar_residual)
-    throw PairError("epipolar", "The rows of the two images do not agree (median vertical gap " +
-                                    number(epipolar.spread) + " px over " + std::to_string(epipolar.matched) +
-                                    " corners, at most " + number(limits.max_epipolar_residual) +
-                                    " px is allowed): the images are not of one pair, or the "
-                                    "cameras moved since their calibration; calibrate again.");
-  if (quality.coverage < limits.min_coverage)
-    throw PairError("coverage", "Only " + number(100 * quality.coverage) +
-                                    " % of the image could be matched, at least " + number(100 * limits.min_coverage) +
+void checkCoverage(double coverage, const PairLimits& limits) {
+  if (coverage < limits.min_coverage)
+    throw PairError("coverage", "Only " + number(100 * coverage) + " % of the image could be matched, at least " +
+                                    number(100 * limits.min_coverage) +
                                     " % is needed: check focus, light, obstacles in the view, and the calibration.");
-  if (epipolar.matched < kFewestCorners)
-    throw PairError("no_match", "Only " + std::to_string(epipolar.matched) +
-                                    " corners were found in both images, at least " + std::to_string(kFewestCorners) +
-                                    " are needed to trust the pair: check that both images show the same scene.");
+}
+
+/// What a pair shows by one rectification.
+struct Matching {
+  RectifiedPair pair;
+  cv::Mat disparity, deviation;
+  ReconstructionQuality quality;
+};
+
+Matching matchPair(const cv::Mat& left, const cv::Mat& right, const Rectifier& rectifier,
+                   const ReconstructionSettings& settings) {
+  const StereoModel& model = rectifier.model();
+  Matching out;
+  out.pair = rectifier.rectify(left, right);
+  const RectifiedPair& pair = out.pair;
+  const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
+  out.quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
+  if (out.quality.search_range.size() == 0)
+    throw PairError("no_match", "The two images do not match at any working distance between " +
+                                    number(settings.min_working_distance) + " and " +
+                                    number(settings.max_working_distance) +
+                                    " m: check that both belong to one pair, that left and right are not swapped, and "
+                                    "the calibration.");
+  out.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, out.quality.search_range);
+  const cv::Mat match = out.disparity.clone();
+  keepWhereBoth(out.disparity, pair.left_usable, pair.right_usable);
+  if (pair.has_highlights) dropIslands(out.disparity);
+  const RefinedDisparity refined = refineDisparity(pair, out.disparity);
+  out.disparity = refined.disparity;
+  out.deviation = refined.deviation;
+  keepWhereCertain(out.disparity, match, refined.deviation, settings.max_deviation);
+  keepWhereBoth(out.disparity, pair.left_seen, pair.right_seen);
+  out.quality.coverage = std::min(1.0, shareOfValid(out.disparity) / std::max(1e-6, rectifier.leftShare()));
+  out.quality.epipolar = agreementOf(matchPoints(pair, out.disparity), rectifier);
+  return out;
+}
+
+/// Depth in the middle of what was found [m].
+double typicalDepth(const cv::Mat& disparity, const StereoModel& model) {
+  std::vector<float> known;
+  constexpr int kStep = 8;
+  for (int y = 0; y < disparity.rows; y += kStep)
+    for (int x = 0; x < disparity.cols; x += kStep)
+      if (const float d = disparity.at<float>(y, x); std::isfinite(d)) known.push_back(d);
+  if (known.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto middle = known.begin() + static_cast<std::ptrdiff_t>(known.size() / 2);
+  std::nth_element(known.begin(), middle, known.end());
+  return depthOfDisparity(model, *middle);
 }
 
 }  // namespace
@@ -120,39 +151,31 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   checkImage(quality.left, limits, "left");
   checkImage(quality.right, limits, "right");
 
-  const RectifiedPair pair = rectifier.rectify(left, right);
-  const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
-  quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
-  if (quality.search_range.size() == 0)
-    throw PairError("no_match", "The two images do not match at any working distance between " +
-                                    number(settings.min_working_distance) + " and " +
-                                    number(settings.max_working_distance) +
-                                    " m: check that both belong to one pair, that left and right are not swapped, and "
-                                    "the calibration.");
-  result.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, quality.search_range);
-  const cv::Mat match = result.disparity.clone();
-  keepWhereBoth(result.disparity, pair.left_usable, pair.right_usable);
-  if (pair.has_highlights) dropIslands(result.disparity);
-  const RefinedDisparity refined = refineDisparity(pair, result.disparity);
-  result.disparity = refined.disparity;
-  keepWhereCertain(result.disparity, match, refined.deviation, settings.max_deviation);
-  keepWhereBoth(result.disparity, pair.left_seen, pair.right_seen);
+  checkAlikeSharp(quality.left, quality.right, limits);
 
-  quality.coverage = std::min(1.0, shareOfValid(result.disparity) / std::max(1e-6, rectifier.leftShare()));
+  // A small turn of the right camera shows in the rows: it is taken out, and what is left of it once more.
+  constexpr int kTurns = 2;
+  Matching found = matchPair(left, right, rectifier, settings);
+  cv::Vec3d taken(0, 0, 0);
+  RowVerdict verdict = judgeRows(found.quality.epipolar, limits);
+  for (int turn = 0; turn < kTurns && verdict.turn; ++turn) {
+    taken += *verdict.turn;
+    const Rectifier turned = rectifier.withRightTurned(taken);
+    found = matchPair(left, right, turned, settings);
+    verdict = judgeRows(found.quality.epipolar, limits);
+  }
+  checkCoverage(found.quality.coverage, limits);
+  quality.search_range = found.quality.search_range;
+  quality.coverage = found.quality.coverage;
+  quality.epipolar = found.quality.epipolar;
+  result.disparity = found.disparity;
+  result.warnings = warningsOfRows(quality.epipolar, taken, model.baseline(), typicalDepth(result.disparity, model),
+                                   model.right.P(1, 1));
   Surface& surface = result.surface_left;
-  surface.colour = pair.left_colour;
-  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& tasks) {
-    for (int task = tasks.start; task < tasks.end; ++task) {
-      if (task == 0) {
-        quality.epipolar = measureEpipolarResidual(pair, result.disparity, rectifier);
-        continue;
-      }
-      surface.points = triangulate(result.disparity, model);
-      surface.confidence = confidenceOf(refined.deviation);
-      surface.confidence.setTo(0, ~(result.disparity == result.disparity));
-    }
-  });
-  checkMatch(quality, limits);
+  surface.colour = found.pair.left_colour;
+  surface.points = triangulate(result.disparity, model);
+  surface.confidence = confidenceOf(found.deviation);
+  surface.confidence.setTo(0, ~(result.disparity == result.disparity));
 
   result.seconds = static_cast<double>(cv::getTickCount() - start) / cv::getTickFrequency();
   return result;

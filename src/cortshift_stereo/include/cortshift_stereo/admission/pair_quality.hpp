@@ -2,10 +2,12 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
-#include "cortshift_stereo/rectification/rectifier.hpp"
+#include "cortshift_stereo/admission/row_agreement.hpp"
 
 namespace cortshift_stereo {
 
@@ -25,7 +27,9 @@ struct PairLimits {
   double min_contrast = 4;             ///< [grey levels] standard deviation of the luminance
   double max_saturated_share = 0.25;   ///< [0...1] of the pixels
   double min_sharpness = 0.18;         ///< see ImageQuality
-  double max_epipolar_residual = 1.0;  ///< [px]
+  double max_epipolar_residual = 1.0;  ///< [px] spread of the vertical gaps that no motion of the cameras explains
+  double max_misalignment = 3.0;       ///< [px] vertical gaps by a turn of the right camera; up to here it is taken out
+  double max_sharpness_ratio = 2.5;    ///< of ImageQuality::detail between the two images
   double min_coverage = 0.25;          ///< [0...1] of what the camera shows of the rectified left image, with a point
 };
 
@@ -35,6 +39,7 @@ struct ImageQuality {
   double saturated_share;  ///< [0...1] of the pixels have two channels at the upper end
   double sharpness;        ///< amplitude of detail of 2-4 px relative to detail of 8-16 px in the middle of the image:
                            ///< 0.5 ... 1 in focus, below 0.17 when blurred by 4 px
+  double detail;           ///< amplitude of detail of 4-8 px relative to detail of 8-16 px, sensor noise taken off
 };
 
 /// @param image  CV_8UC3
@@ -43,17 +48,24 @@ ImageQuality measureImage(const cv::Mat& image);
 /// @throws PairError blank, saturated or defocused, naming the side
 void checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side);
 
-/// Vertical misalignment of corners matched in two dimensions. A swapped or mismatched pair, or a camera that has
-/// moved since its calibration, shows here although rows still match each other somehow.
-struct EpipolarResidual {
-  int matched = 0;               ///< corners found in both images
-  double offset = 0;             ///< [px] median y_right - y_left
-  double spread = 0;             ///< [px] median |y_right - y_left|
-  double spread_if_swapped = 0;  ///< [px] the same if the left image were the right camera's and the other way round
+/// What is known of the rows of a pair that is not refused.
+struct RowVerdict {
+  std::optional<cv::Vec3d> turn;  ///< a turn of the right camera that is worth taking out: see Rectifier::withRightTurned
 };
 
-/// @param disparity  CV_32FC1, NaN where invalid: where to start looking
-EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Mat& disparity,
-                                         const Rectifier& rectifier);
+/// Refuses a pair whose rows say that it is none or that its calibration is void; a turn that is smaller is to be taken
+/// out. A limit counts as passed only where chance (kSureSds standard errors) does not explain it.
+/// @throws PairError swapped, no_match or epipolar
+RowVerdict judgeRows(const RowAgreement& rows, const PairLimits& limits);
+
+/// Refuses a pair of which one image is blurred against the other.
+/// @throws PairError defocused, naming the side
+void checkAlikeSharp(const ImageQuality& left, const ImageQuality& right, const PairLimits& limits);
+
+/// What a person should know of a pair whose right camera was turned by `taken` [rad].
+/// @param depth  [m] of the surface
+/// @param baseline  [m]; @param focal  [px] of the rectified right image
+std::vector<std::string> warningsOfRows(const RowAgreement& rows, const cv::Vec3d& taken, double baseline, double depth,
+                                        double focal);
 
 }  // namespace cortshift_stereo
