@@ -9,6 +9,10 @@ if(CATKIN_ENABLE_TESTING)
   catkin_run_tests_target("pytest" proof "pytest-proof.xml"
     COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-proof.xml ${PROOF_TESTS}"
     WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
+  # The order of the house: who includes whom, sizes, names, and that each test is run by what CMake wrote.
+  catkin_run_tests_target("pytest" house "pytest-house.xml"
+    COMMAND "env CORTSHIFT_BUILD=${CMAKE_BINARY_DIR} ${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-house.xml test/house_test.py"
+    WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
   add_rostest(test/probe/probe_node.test)
   add_rostest(test/graph/demo_case.test DEPENDENCIES shift_tracker field_error)
 endif()

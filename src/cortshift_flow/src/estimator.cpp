@@ -21,7 +21,7 @@ namespace cortshift_flow {
 namespace {
 
 constexpr int kPolishLevel = 2;          // from this level on the polish takes over from Eq. (5)
-constexpr int kStiffLinearisations = 2;  // of the first polish, whose start is too rough to tell curvature from noise
+constexpr int kStiffLinearisations = 2;  // of the first polish, whose start is too rough to show curvature
 constexpr int kConjugateGradients = 60;  // per linearisation
 constexpr float kAgreement = 1;          // of forward and backward flow [px of the level]
 
@@ -33,7 +33,8 @@ PolishedFlow polishAt(const Level& level, int l, const cv::Mat1b& visible, const
   effort.linearisations = linearisations;
   effort.stiff_linearisations = stiff;
   effort.solver_iterations = kConjugateGradients;
-  // In pixels of the level and over its wider spacing, a bend of the same tissue is twice as large per level.
+  // Each coarser level has pixels and node distances twice as large: the same bend of the tissue then has twice the
+  // second difference.
   effort.curvature = static_cast<float>(settings.curvature * (1 << l));
   return polish(pair, noiseWeights(pair, start, visible), visible, start, effort, threads);
 }
@@ -45,20 +46,20 @@ cv::Mat1b confirmed(const Level& level, const FlowPlanes& flow, const FlowPlanes
          (consistent(flow, opposite, kAgreement, threads) & shown(level, flow, threads));
 }
 
-/// Non-zero where a pixel's flow ends on what the second image shows, and what it shows there is something else.
-/// @param uncovered  non-zero where no pixel of the second image comes from
+/// Non-zero where a pixel is hidden in the second image: its flow ends inside that image, but on other tissue.
+/// @param uncovered  non-zero at pixels to which no pixel of the second image flows back
 cv::Mat1b findOccluded(const Level& level, const FlowBothWays& flow, const cv::Mat1b& uncovered, float unmatched,
                        int threads) {
   cv::Mat1b seen = confirmed(level, flow.forward, flow.backward, unmatched, threads);
-  // Specks are noise, not occlusion.
+  // Single pixels are noise, not occlusion.
   cv::morphologyEx(seen, seen, cv::MORPH_CLOSE, cv::Mat::ones(7, 7, CV_8U));
   cv::Mat1b occluded = (uncovered | (seen == 0)) & (shown(level, flow.forward, threads) != 0);
-  // Next to what is hidden the flow is unsure, and everything hidden is continued from there.
+  // The flow beside a hidden region is uncertain, and the flow inside it is continued from there: hide a rim as well.
   cv::dilate(occluded, occluded, cv::Mat::ones(5, 5, CV_8U));
   return occluded;
 }
 
-/// Share of unsure pixels among those that count and whose match lies inside the second image.
+/// Share of uncertain pixels, among the valid ones whose match lies inside the second image.
 float shareUnsure(const cv::Mat1f& error, const FlowPlanes& flow) {
   constexpr float kUnsure = 0.25f;  // [px of the level]
   int all = 0, unsure = 0;
@@ -80,7 +81,7 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   const int start = std::min(static_cast<int>(levels.size()) - 1, kPolishLevel);
   FlowBothWays flow = roughFlow(levels, start, settings, threads);
 
-  // Brightness: from here on colours are compared as they are.
+  // Make both images equally bright: from here on colours are compared directly.
   BrightnessMap brightness =
       BrightnessMap::fit(levels[static_cast<std::size_t>(start)], flow.forward, coveredBy(flow.backward), threads);
 
@@ -134,7 +135,7 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   Estimate estimate;
   cv::Mat1f error = predictError(level, flow.forward, visible, polished,
                                  static_cast<float>(settings.curvature * (1 << finest_level)), scale.suspect, threads);
-  // Only at full resolution: a preset that ends before it promises its time.
+  // Only at full resolution: a preset that stops at a coarser level is chosen for its speed, and this fit is slow.
   if (finest_level == 0 && shareUnsure(error, flow.forward) > static_cast<float>(settings.most_unsure)) {
     PiecewiseFlow piecewise = piecewiseFlow(levels, start, finest_level, settings, threads);
     flow.forward = std::move(piecewise.flow);

@@ -16,7 +16,8 @@ bool identical(const cv::Mat4f& a, const cv::Mat4f& b) {
   return true;
 }
 
-/// Of equal images: no motion, exactly. (The spline's cut prefilter would leave some thousandths of a pixel.)
+/// The flow between equal images: exactly zero. (The shortened prefilter of the spline would leave some thousandths of
+/// a pixel.)
 Estimate noMotion(const Level& images) {
   const cv::Size size = images.first.size();
   Estimate estimate{{Plane(size), Plane(size)}, cv::Mat1f(size, 1.f)};
@@ -24,7 +25,7 @@ Estimate noMotion(const Level& images) {
   return estimate;
 }
 
-/// The paper's model predicts no error: what is not excluded counts in full.
+/// The paper's model predicts no error: the confidence is 1 where the mask excludes nothing.
 Estimate variationalEstimate(const Level& images, const FlowSettings& settings, int threads) {
   Estimate estimate = noMotion(images);
   estimate.flow = minimiseCoarseToFine(images, settings, threads);

@@ -89,14 +89,15 @@ class Bench {
       counts.warned += !result.warnings.empty();
       const RowAgreement& rows = result.quality.epipolar;
       if (verbose_)
-        std::printf("%s, %s: points %d offset %.3f spread %.3f misalignment %.3f (%.3f) turn_y %.3f (%.3f) deg scale %.1e "
-                    "(%.1e) sharpness %.2f %.2f detail %.2f %.2f coverage %.2f %.3f s%s%s\n",
-                    name.c_str(), trial.kind.c_str(), rows.matched, rows.offset, rows.spread, rows.misalignment.value,
-                    rows.misalignment.sd, rows.turn_y.value * 57.2958, rows.turn_y.sd * 57.2958, rows.scale.value,
-                    rows.scale.sd, result.quality.left.sharpness, result.quality.right.sharpness,
-                    result.quality.left.detail, result.quality.right.detail, result.quality.coverage, result.seconds,
-                    result.warnings.empty() ? "" : " WARNING: ",
-                    result.warnings.empty() ? "" : result.warnings.front().c_str());
+        std::printf(
+            "%s, %s: points %d offset %.3f spread %.3f misalignment %.3f (%.3f) turn_y %.3f (%.3f) deg scale %.1e "
+            "(%.1e) sharpness %.2f %.2f detail %.2f %.2f coverage %.2f %.3f s%s%s\n",
+            name.c_str(), trial.kind.c_str(), rows.matched, rows.offset, rows.spread, rows.misalignment.value,
+            rows.misalignment.sd, rows.turn_y.value * 57.2958, rows.turn_y.sd * 57.2958, rows.scale.value,
+            rows.scale.sd, result.quality.left.sharpness, result.quality.right.sharpness, result.quality.left.detail,
+            result.quality.right.detail, result.quality.coverage, result.seconds,
+            result.warnings.empty() ? "" : " WARNING: ",
+            result.warnings.empty() ? "" : result.warnings.front().c_str());
       std::fflush(stdout);
       return result;
     } catch (const PairError& error) {

@@ -23,11 +23,13 @@ std::string number(double value) {
   return text;
 }
 
-void checkSize(const cv::Mat& image, const CameraModel& camera, const std::string& side) {
+Findings checkSize(const cv::Mat& image, const CameraModel& camera, const std::string& side) {
+  Findings found;
   if (image.size() != camera.size)
-    throw PairError("image_size", "The " + side + " image is " + describe(image.size()) +
-                                      ", but its calibration is for " + describe(camera.size) +
-                                      ": set the camera's resolution or calibrate again.");
+    found.refuse(CheckId::kImageSize, "The " + side + " image",
+                 "is " + describe(image.size()) + ", but its calibration is for " + describe(camera.size),
+                 "set the camera's resolution or calibrate again");
+  return found;
 }
 
 /// Points only where both images have pixels of a mask.
@@ -46,7 +48,7 @@ void keepWhereBoth(cv::Mat& disparity, const cv::Mat& left_mask, const cv::Mat& 
   });
 }
 
-/// Points only where refinement stayed with the match and knows enough.
+/// Keeps points only where the refined disparity is near the matched one and its expected error is small.
 void keepWhereCertain(cv::Mat& disparity, const cv::Mat& match, const cv::Mat& deviation, double max_deviation) {
   const auto most = static_cast<float>(max_deviation);
   cv::parallel_for_(cv::Range(0, disparity.rows), [&](const cv::Range& rows) {
@@ -65,11 +67,14 @@ double shareOfValid(const cv::Mat& disparity) {
   return static_cast<double>(cv::countNonZero(disparity == disparity)) / static_cast<double>(disparity.total());
 }
 
-void checkCoverage(double coverage, const PairLimits& limits) {
+Findings checkCoverage(double coverage, const PairLimits& limits) {
+  Findings found;
   if (coverage < limits.min_coverage)
-    throw PairError("coverage", "Only " + number(100 * coverage) + " % of the image could be matched, at least " +
-                                    number(100 * limits.min_coverage) +
-                                    " % is needed: check focus, light, obstacles in the view, and the calibration.");
+    found.refuse(CheckId::kCoverage, "The match",
+                 "covers only " + number(100 * coverage) + " % of the image, at least " +
+                     number(100 * limits.min_coverage) + " % is needed",
+                 "check focus, light, obstacles in the view, and the calibration");
+  return found;
 }
 
 /// What a pair shows by one rectification.
@@ -88,11 +93,11 @@ Matching matchPair(const cv::Mat& left, const cv::Mat& right, const Rectifier& r
   const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
   out.quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
   if (out.quality.search_range.size() == 0)
-    throw PairError("no_match", "The two images do not match at any working distance between " +
-                                    number(settings.min_working_distance) + " and " +
-                                    number(settings.max_working_distance) +
-                                    " m: check that both belong to one pair, that left and right are not swapped, and "
-                                    "the calibration.");
+    throw PairError(CheckId::kNoMatch, "The pair",
+                    "does not match at any working distance between " + number(settings.min_working_distance) +
+                        " and " + number(settings.max_working_distance) + " m",
+                    "check that both images belong to one pair, that left and right are not swapped, and the "
+                    "calibration");
   out.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, out.quality.search_range);
   const cv::Mat match = out.disparity.clone();
   keepWhereBoth(out.disparity, pair.left_usable, pair.right_usable);
@@ -120,6 +125,37 @@ double typicalDepth(const cv::Mat& disparity, const StereoModel& model) {
   return depthOfDisparity(model, *middle);
 }
 
+/// Matches a pair and takes out a small turn of its right camera, and once more what is left of it.
+/// @param taken  [rad] the turn that was taken out
+/// @throws PairError
+Matching matchAligned(const cv::Mat& left, const cv::Mat& right, const Rectifier& rectifier,
+                      const ReconstructionSettings& settings, cv::Vec3d& taken) {
+  constexpr int kTurns = 2;
+  taken = {0, 0, 0};
+  Matching found = matchPair(left, right, rectifier, settings);
+  for (int turns = 0;; ++turns) {
+    const RowVerdict rows = judgeRows(found.quality.epipolar, settings.limits);
+    rows.findings.requireAccepted();
+    if (!rows.turn || turns == kTurns) break;
+    taken += *rows.turn;
+    found = matchPair(left, right, rectifier.withRightTurned(taken), settings);
+  }
+  checkCoverage(found.quality.coverage, settings.limits).requireAccepted();
+  return found;
+}
+
+/// Whether a pair that is refused would be accepted with its images exchanged.
+bool fitsExchanged(const cv::Mat& left, const cv::Mat& right, const Rectifier& rectifier,
+                   const ReconstructionSettings& settings) {
+  try {
+    cv::Vec3d taken;
+    matchAligned(right, left, rectifier, settings, taken);
+    return true;
+  } catch (const PairError&) {
+    return false;
+  }
+}
+
 }  // namespace
 
 void ReconstructionSettings::validate() const {
@@ -139,8 +175,8 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   const int64_t start = cv::getTickCount();
   const StereoModel& model = rectifier.model();
   const PairLimits& limits = settings.limits;
-  checkSize(left, model.left, "left");
-  checkSize(right, model.right, "right");
+  checkSize(left, model.left, "left").requireAccepted();
+  checkSize(right, model.right, "right").requireAccepted();
 
   ReconstructionResult result;
   ReconstructionQuality& quality = result.quality;
@@ -148,29 +184,27 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
     for (int side = sides.start; side < sides.end; ++side)
       (side == 0 ? quality.left : quality.right) = measureImage(side == 0 ? left : right);
   });
-  checkImage(quality.left, limits, "left");
-  checkImage(quality.right, limits, "right");
+  checkImage(quality.left, limits, "left").requireAccepted();
+  checkImage(quality.right, limits, "right").requireAccepted();
 
-  checkAlikeSharp(quality.left, quality.right, limits);
+  checkAlikeSharp(quality.left, quality.right, limits).requireAccepted();
 
-  // A small turn of the right camera shows in the rows: it is taken out, and what is left of it once more.
-  constexpr int kTurns = 2;
-  Matching found = matchPair(left, right, rectifier, settings);
-  cv::Vec3d taken(0, 0, 0);
-  RowVerdict verdict = judgeRows(found.quality.epipolar, limits);
-  for (int turn = 0; turn < kTurns && verdict.turn; ++turn) {
-    taken += *verdict.turn;
-    const Rectifier turned = rectifier.withRightTurned(taken);
-    found = matchPair(left, right, turned, settings);
-    verdict = judgeRows(found.quality.epipolar, limits);
+  Matching found;
+  cv::Vec3d taken;
+  try {
+    found = matchAligned(left, right, rectifier, settings, taken);
+  } catch (const PairError& error) {
+    if (error.finding().check == CheckId::kSwapped || !fitsExchanged(left, right, rectifier, settings)) throw;
+    throw PairError(CheckId::kSwapped, "Left and right",
+                    "are swapped: the pair fits when they are exchanged, but not as it is (" + error.finding().thing +
+                        " " + error.finding().reason + ")",
+                    "exchange the cables or the topics");
   }
-  checkCoverage(found.quality.coverage, limits);
   quality.search_range = found.quality.search_range;
   quality.coverage = found.quality.coverage;
   quality.epipolar = found.quality.epipolar;
   result.disparity = found.disparity;
-  result.warnings = warningsOfRows(quality.epipolar, taken, model.baseline(), typicalDepth(result.disparity, model),
-                                   model.right.P(1, 1));
+  result.warnings = warningsOfRows(quality.epipolar, taken, model, typicalDepth(result.disparity, model)).warnings();
   Surface& surface = result.surface_left;
   surface.colour = found.pair.left_colour;
   surface.points = triangulate(result.disparity, model);

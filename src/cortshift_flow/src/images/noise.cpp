@@ -9,7 +9,7 @@ namespace cortshift_flow {
 namespace {
 
 constexpr int kStep = 5;                   // every so many pixels along both axes
-constexpr float kLeastNoise = 0.4f / 255;  // rounding of two 8-bit images; finer images are not trusted further
+constexpr float kLeastNoise = 0.4f / 255;  // rounding of two 8-bit images; less is not assumed of any image
 constexpr float kMostNoise = 0.2f;
 constexpr float kMedianToDeviation = 1.4826f;  // of a normal distribution
 

@@ -12,10 +12,10 @@ namespace cortshift_flow {
 namespace {
 
 constexpr int kCells = 48;                                     // along the shorter side
-constexpr double kSamples = 4;                                 // along a cell's side, of those that it has
+constexpr double kSamples = 4;                                 // pixels that are read along a cell's side, at most all
 constexpr double kSmoothing = 3;                               // standard deviation of the windows [cells]
 constexpr float kGainScatter = 0.15f, kOffsetScatter = 0.05f;  // expected, where nothing is known
-constexpr float kResidual = 0.02f;  // of a good match: weighs data against expectation, and rejects outliers
+constexpr float kResidual = 0.02f;  // standard deviation of a good match: weights the data, rejects outliers
 
 /// Moments over a cell, per channel: of 1, x, y, x^2 and x y, with x the first and y the warped second image.
 struct Moments {
@@ -41,7 +41,7 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
   if (width < 2 || height < 2) return map;
 
   const int step = std::max(1, static_cast<int>(cell / kSamples));
-  constexpr int kRounds = 3;  // robust: each round trusts what the last one explains
+  constexpr int kRounds = 3;  // robust: each round weights the pixels by how well the last one fitted them
   for (int round = 0; round < kRounds; ++round) {
     // Wide at first, so that a large change of brightness is not taken for an outlier.
     const float tolerance = kResidual * static_cast<float>(1 << (kRounds - 1 - round)) * 2;
@@ -81,7 +81,7 @@ BrightnessMap BrightnessMap::fit(const Level& level, const FlowPlanes& flow, con
     for (int j = 0; j < cells.height; ++j)
       for (int i = 0; i < cells.width; ++i)
         for (int c = 0; c < 3; ++c) {
-          // Least squares for a gain about the mean, drawn to 1, and an offset of the mean, drawn to 0.
+          // Least squares with a prior: the gain (about the mean) is pulled towards 1, the offset towards 0.
           const float n = m.weight(j, i)[c];
           const float mean_x = n > 0 ? m.x(j, i)[c] / n : 0, mean_y = n > 0 ? m.y(j, i)[c] / n : 0;
           const float var = m.xx(j, i)[c] - n * mean_x * mean_x, cov = m.xy(j, i)[c] - n * mean_x * mean_y;

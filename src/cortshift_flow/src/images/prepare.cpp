@@ -69,7 +69,7 @@ cv::Mat1b validity(const cv::Mat& image, const cv::Mat4f& floats, const cv::Mat&
 cv::Mat1b halveValidity(const cv::Mat1b& fine, cv::Size size) {
   if (fine.empty()) return {};
   cv::Mat1b eroded, coarse(size);
-  cv::erode(fine, eroded, cv::Mat::ones(5, 5, CV_8U));  // the support of the low-pass
+  cv::erode(fine, eroded, cv::Mat::ones(5, 5, CV_8U));  // the pixels that the low-pass reads
   for (int y = 0; y < size.height; ++y)
     for (int x = 0; x < size.width; ++x) coarse(y, x) = eroded(2 * y, 2 * x);
   return coarse;
@@ -123,8 +123,8 @@ Level halve(const Level& level, int threads) {
 
 cv::Mat1b interpolable(const cv::Mat1b& valid) {
   if (valid.empty()) return {};
-  // Cell (x, y) needs pixels x - 1...x + 2, and their spline coefficients a little more: two further pixels keep what
-  // the prefilter spreads below 1/50 of a difference that is itself smooth, because excluded pixels have been filled.
+  // Cell (x, y) needs pixels x - 1...x + 2; their spline coefficients also depend on pixels farther away. Two more
+  // pixels are excluded, so that less than 1/50 of what was filled in reaches the cell (and the filling is smooth).
   cv::Mat1b result;
   cv::erode(valid, result, cv::Mat::ones(6, 6, CV_8U), cv::Point(2, 2));
   return result;

@@ -20,9 +20,9 @@ namespace {
 constexpr int kLinearisations = 8, kFullLinearisations = 6;  // per level, and at full resolution
 constexpr int kMedian = 5;                                   // side of the median filter [px]
 constexpr float kAgreement = 1;                              // of forward and backward flow [px of the level]
-constexpr float kColourKept = 0.2f;                          // of slow variations: smooth objects have nothing else
-constexpr float kOrdinaryError = 0.2f;                       // where both directions agree [px]
-constexpr float kHiddenError = 4;                            // where they do not [px]
+constexpr float kColourKept = 0.2f;     // share of slow variations that is kept: smooth objects show nothing else
+constexpr float kOrdinaryError = 0.2f;  // where both directions agree [px]
+constexpr float kHiddenError = 4;       // where they do not [px]
 
 void medianFilter(FlowPlanes& flow) {
   for (Plane* plane : {&flow.u, &flow.v}) {
@@ -53,7 +53,8 @@ void consultColours(const Level& level, FlowBothWays& flow, int threads) {
   adoptWhereBetter(backward, minimiseCoarseToFine(swapped(level), model, threads), everywhere, flow.backward, threads);
 }
 
-/// Gap between following the flow there and back, and no motion; infinite where a mask excludes the pixel.
+/// Distance from a pixel to where following the flow and then the opposite flow ends; infinite where a mask excludes
+/// it.
 cv::Mat1f gapError(const FlowBothWays& flow, const cv::Mat1b& agree, const cv::Mat1b& valid) {
   cv::Mat1f error(agree.size());
   for (int y = 0; y < error.rows; ++y)

@@ -1,5 +1,5 @@
-// Scenes of many motion boundaries (instruments, retractors, a photograph of objects in depth): there one smooth
-// surface is no model of the flow, and Eq. (5) with its piecewise smooth one is taken to full resolution.
+// Scenes with many motion boundaries (instruments, retractors, a photograph of objects at different depths): one smooth
+// surface does not describe their flow, so Eq. (5), whose flow is piecewise smooth, is minimised at full resolution.
 #pragma once
 
 #include <vector>
@@ -15,7 +15,7 @@ struct PiecewiseFlow {
 };
 
 /// Minimises Eq. (5) on high-passed images at every level, both ways, with a median filter after each linearisation;
-/// what does not agree both ways is continued from the side that moves less (what lies behind).
+/// where the two directions disagree the flow is continued from the side that moves less (what lies behind).
 /// @param finest  level at which to stop
 PiecewiseFlow piecewiseFlow(const std::vector<Level>& levels, int start, int finest, const FlowSettings& settings,
                             int threads);

@@ -13,7 +13,7 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr float kOrdinaryCurvature = 5.f;  // a neighbourhood curved up to so many times the expected is not exceptional
+constexpr float kOrdinaryCurvature = 5.f;  // up to this multiple of the expected curvature, that one is used
 constexpr double kNeighbourhood = 1.5;     // standard deviation of the window over which curvature is averaged [nodes]
 constexpr float kRobust = 6.f;  // squared norm of a whitened residual at which its influence starts to saturate
 
@@ -57,7 +57,8 @@ Stencils squaredDifferences(const FlowPlanes& nodes, int threads) {
   return s;
 }
 
-/// Mean square of the second differences around each node [px^2]; a motion boundary counts no more than a full bend.
+/// Mean square of the second differences around each node [px^2]; those above `break_at` (a motion boundary) count as
+/// `break_at`.
 cv::Mat1f meanCurvature(const Stencils& squares, float break_at) {
   const int width = squares.xx.width(), height = squares.xx.height();
   cv::Mat1f sum(height, width), mean;
@@ -68,7 +69,7 @@ cv::Mat1f meanCurvature(const Stencils& squares, float break_at) {
   return mean;
 }
 
-/// What is known about the flow's smoothness before the data: how much it curves, and where it breaks.
+/// The prior: how much the flow is expected to curve, and which second difference is a boundary.
 struct Prior {
   float curvature;  ///< expected second difference [px]
   float break_at;   ///< [px]

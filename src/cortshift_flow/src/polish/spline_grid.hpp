@@ -24,10 +24,10 @@ struct SplineGrid {
 /// Values of the spline on row y of the image; `scratch` holds as many floats as the grid has columns.
 void evaluateSplineRow(const Plane& nodes, int y, float* scratch, float* out, int width);
 
-/// Adjoint of the evaluation along a row: adds up a row's pixels per column of nodes.
+/// The transpose of the evaluation along a row: sums a row's pixels, weighted, into each column of nodes.
 void reduceRow(const float* pixels, int width, float* nodes, int node_columns);
 
-/// Adjoint along columns: node row j from all rows that reduceRow made.
+/// The transpose along columns: node row j from all rows that reduceRow() made.
 void reduceColumn(const Plane& reduced, int j, float* out);
 
 }  // namespace cortshift_flow

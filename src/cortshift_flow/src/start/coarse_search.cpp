@@ -31,7 +31,7 @@ struct Features {
   cv::Mat1f inverse_norm;  // of the window about each pixel; 0 where it is featureless
 };
 
-/// Limits strong contrast, so that one strong edge (the rim, a large vessel) does not outvote the texture about it.
+/// Limits strong contrast, so that one strong edge (the rim, a large vessel) does not outweigh the texture around it.
 void saturate(cv::Mat& high) {
   std::vector<float> contrast;
   contrast.reserve(high.total());
@@ -155,12 +155,12 @@ void merge(const Best& later, Best& best) {
 
 /// Best displacement of every pixel either way.
 BestBothWays search(const Features& first, const Features& second, cv::Size size, int radius, int threads) {
-  // Fixed shares, merged in their order: the same bits whoever searches them.
+  // A fixed division of the work, merged in a fixed order: the same bits for any number of threads.
   constexpr int kShares = 4;
   const int side = 2 * radius + 1, all = side * side;
   const cv::Size padded = first.inverse_norm.size();
   std::vector<BestBothWays> shares;
-  for (int i = 0; i < kShares; ++i) shares.push_back({Best(padded), Best(padded)});  // a copy would share the planes
+  for (int i = 0; i < kShares; ++i) shares.push_back({Best(padded), Best(padded)});  // copies would share memory
   cv::parallel_for_(
       cv::Range(0, kShares),
       [&](const cv::Range& range) {

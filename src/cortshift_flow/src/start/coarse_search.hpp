@@ -1,5 +1,5 @@
 // A first flow by exhaustive matching at a coarse level: it finds large motions that coarse-to-fine minimisation of
-// Eq. (5) loses, because a flow that misses its basin of attraction at a coarse level never returns to it.
+// Eq. (5) loses: a flow that starts too far away at a coarse level converges to a wrong minimum and stays there.
 #pragma once
 
 #include "variational/coarse_to_fine.hpp"

@@ -116,7 +116,7 @@ void exchangeTile(const Level& level, const FlowPlanes& start, int x0, int y0, i
   if (!any) return;
   for (std::size_t k = 0; k < offsets.size(); ++k)
     for (const bool linear : {false, true}) {
-      // As it is only from near by: farther away a flow that varies has become another.
+      // The unchanged flow is tried from near by only: a flow that varies is a different one farther away.
       if (!linear && k >= kDirections) continue;
       if (!fillHypothesis(start, x0, y0, window, offsets[k], linear, w)) continue;
       evaluateHypothesis(level, x0, y0, window, w);

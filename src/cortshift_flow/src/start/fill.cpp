@@ -14,7 +14,7 @@ Weighted pull(const Weighted& fine) {
     for (int x = 0; x < coarse.cols; ++x) {
       const int x1 = std::min(2 * x + 1, fine.cols - 1), y1 = std::min(2 * y + 1, fine.rows - 1);
       cv::Vec4f sum = fine(2 * y, 2 * x) + fine(2 * y, x1) + fine(y1, 2 * x) + fine(y1, x1);
-      if (sum[3] > 1) sum *= 1 / sum[3];  // saturate: what is known well needs no help from farther away
+      if (sum[3] > 1) sum *= 1 / sum[3];  // weight 1 is enough: such a value is not mixed with values from farther away
       coarse(y, x) = sum;
     }
   return coarse;

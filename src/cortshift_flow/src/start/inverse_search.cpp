@@ -10,7 +10,7 @@ namespace {
 
 constexpr int kSmallestSide = 32;  // of an image that DIS has patches for [px]
 
-/// DIS cuts its work by the number of OpenCV's threads, and what comes out depends on the cut: one thread, always.
+/// DIS divides its work by the number of OpenCV's threads, and its result depends on the division: always one thread.
 class OneThread {
  public:
   OneThread() : threads_(cv::getNumThreads()) { cv::setNumThreads(1); }

@@ -21,7 +21,7 @@ int searchRadius(const Level& level, double range) {
   return std::max(2, static_cast<int>(std::ceil(range * std::min(level.first.rows, level.first.cols))));
 }
 
-/// Takes the patches' flow where it fits better: they follow what the windows of the search lose.
+/// Takes the flow of the DIS patches where it fits better: they follow motions that the windows of the search lose.
 void consultPatches(const Level& finer, const Level& forward, const Level& backward, FlowBothWays& flow, int threads) {
   InverseSearch patches = inverseSearch(finer, forward.first.size(), threads);
   const cv::Mat1b agree_forward = consistent(patches.forward, patches.backward, kPatchAgreement, threads);
@@ -60,7 +60,7 @@ FlowBothWays roughFlow(const std::vector<Level>& levels, int finest, const FlowS
     if (flow.forward.u.size() != size)
       flow = {doubled(flow.forward, size, threads), doubled(flow.backward, size, threads)};
     if (l == finest && l > 0) consultPatches(levels[static_cast<std::size_t>(l - 1)], forward, backward, flow, threads);
-    if (l > finest) {  // at the finest the patches have been consulted, and the polish begins with an exchange
+    if (l > finest) {  // not at the finest: the patches were used before it, and the polish begins with an exchange
       const float suspect = mismatchScale(forward, flow.forward, threads).suspect;
       exchangeFlow(forward, exchangeReaches(), kMatchWindow, suspect, {}, flow.forward, threads);
       exchangeFlow(backward, exchangeReaches(), kMatchWindow, suspect, {}, flow.backward, threads);

@@ -13,16 +13,16 @@
 namespace cortshift_flow {
 namespace {
 
-constexpr float kHalfConfidence = 0.25f;      // predicted error at which the confidence is one half [px]
-constexpr float kLeastError = 0.01f;          // [px]
-constexpr float kPerHiddenPixel = 0.021f;     // growth of the error with the distance from what is visible [px / px]
-constexpr float kNoiseInformation = 45;       // that the gradients of mere noise seem to give a node [1 / px^2]
-constexpr float kLeastShown = 0.05f;          // share of a node's information that is not put down to noise
-constexpr float kPerBend = 6;                 // what smoothing bends, per second difference and root of information
-constexpr float kPerSquaredBend = 2.5f;       // and where the flow bends within a node's spacing [1 / px]
-constexpr float kAtBoundary = 1;              // at a motion boundary [px]
-constexpr float kUnmatched = 1;               // where visible tissue does not look like its match [px]
-constexpr float kLeastUnmatched = 0.065f;     // mean mismatch below which it does [intensity, summed over channels]
+constexpr float kHalfConfidence = 0.25f;   // predicted error at which the confidence is one half [px]
+constexpr float kLeastError = 0.01f;       // [px]
+constexpr float kPerHiddenPixel = 0.021f;  // growth of the error with the distance from what is visible [px / px]
+constexpr float kNoiseInformation = 45;    // that a node seems to have from the gradients of noise alone [1 / px^2]
+constexpr float kLeastShown = 0.05f;       // smallest share of a node's information that is taken as real, not as noise
+constexpr float kPerBend = 6;              // error by smoothing, per second difference and root of information
+constexpr float kPerSquaredBend = 2.5f;    // and per squared second difference: bends between two nodes [1 / px]
+constexpr float kAtBoundary = 1;           // at a motion boundary [px]
+constexpr float kUnmatched = 1;            // where visible tissue does not look like its match [px]
+constexpr float kLeastUnmatched = 0.065f;  // mean mismatch below which it looks alike [intensity, summed over channels]
 constexpr double kNearby = 1.5, kAround = 4;  // standard deviations over which nodes are averaged [nodes]
 
 /// Root mean square of the flow's second differences around each node, motion boundaries apart [px].

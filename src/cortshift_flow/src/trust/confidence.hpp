@@ -6,7 +6,7 @@
 namespace cortshift_flow {
 
 /// Predicted error at each pixel of a level [px of the level], infinite where the mask excludes it, from what is known
-/// to cause it: the images' noise and lack of texture, as far as smoothing does not make up for them; bends of the
+/// to cause it: the images' noise and lack of texture, as far as smoothing does not compensate them; bends of the
 /// flow, which smoothing flattens; extrapolation, which grows with the distance from what is visible; motion
 /// boundaries; and images that do not match.
 /// @param visible    CV_8UC1, 1 where a pixel has a match

@@ -7,7 +7,7 @@ namespace cortshift_flow {
 
 /// A pixel's mismatch saturates here [intensity, 0...1, summed over the channels].
 constexpr float kLargestMismatch = 0.2f;
-/// Of a pixel whose match lies outside the second image or is excluded.
+/// The mismatch of a pixel whose match lies outside the second image or is excluded.
 constexpr float kUnseen = 0.36f * kLargestMismatch;
 
 /// Half width of the windows that tell whether two places look alike [px].
@@ -26,7 +26,7 @@ void adoptWhereBetter(const Level& level, const FlowPlanes& other, const cv::Mat
 /// What counts as a mismatch for this pair of images, from what is usual for it.
 struct MismatchScale {
   float suspect = 0;    ///< windows that mismatch by more should try another flow [intensity, summed over channels]
-  float unmatched = 0;  ///< and beyond this do not show the same tissue
+  float unmatched = 0;  ///< windows that mismatch by more than this do not show the same tissue [same unit]
 };
 MismatchScale mismatchScale(const Level& level, const FlowPlanes& flow, int threads);
 

@@ -51,7 +51,8 @@ Continuation walk(const cv::Mat4f& smooth_image, const cv::Mat1b& visible, const
     c.distance = static_cast<float>(t);
     const cv::Vec4f difference = smooth_image(y, x) - smooth_image(py, px);
     c.colour_difference = std::sqrt(static_cast<float>(difference.dot(difference)));
-    // A line through the visible flow ahead, so that neither noise nor a wrong edge is carried far.
+    // A straight line is fitted to the visible flow ahead, so that noise or one wrong value at the edge is not
+    // continued.
     float n = 0, st = 0, stt = 0, su = 0, sv = 0, stu = 0, stv = 0;
     float last_u = flow.u.row(py)[px], last_v = flow.v.row(py)[px];
     const float u0 = last_u, v0 = last_v;
@@ -200,7 +201,7 @@ void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, Continue sid
   cv::blur(image, smooth_image, cv::Size(7, 7));
   const cv::Mat4f smooth(smooth_image);
 
-  // Continuations vary slowly: one in sixteen is enough.
+  // Continuations vary slowly: it is enough to compute them at one pixel in sixteen.
   const cv::Size grid((width - 1) / kGrid + 1, (height - 1) / kGrid + 1);
   cv::Mat1f evidence(grid, 0.f), hidden(grid, 0.f);
   cv::Mat4f candidates(grid, cv::Vec4f::all(0));
@@ -220,7 +221,7 @@ void continueFlow(const cv::Mat4f& image, const cv::Mat1b& visible, Continue sid
       }
   });
 
-  // Neighbours decide together: the evidence of a single point is weak.
+  // The side is chosen from the sum over neighbours: the evidence of a single point is weak.
   const cv::Size vote(5, 5);
   cv::Mat1f evidence_sum, hidden_sum;
   cv::boxFilter(evidence, evidence_sum, -1, vote, cv::Point(-1, -1), false, cv::BORDER_CONSTANT);

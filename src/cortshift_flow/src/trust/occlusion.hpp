@@ -10,14 +10,14 @@ namespace cortshift_flow {
 /// @param trusted  0 where the backward flow does not count, or empty
 cv::Mat1b coveredBy(const FlowPlanes& backward, const cv::Mat1b& trusted = {});
 
-/// 1 where following `flow` and then `opposite` leads back to within `tolerance` [px]: two estimates that know nothing
-/// of each other agree, so a window that still mismatches is inaccurate or has changed its brightness, not hidden.
+/// 1 where following `flow` and then `opposite` leads back to within `tolerance` [px]. Two independent estimates then
+/// agree: if the window still mismatches, its flow is inaccurate or its brightness has changed, but it is not hidden.
 cv::Mat1b consistent(const FlowPlanes& flow, const FlowPlanes& opposite, float tolerance, int threads);
 
 /// Replaces the flow where `visible` is 0 by a linear continuation of the visible flow on one side. At a boundary
-/// between two motions the covered strip belongs to one of them; motion alone cannot say to which, so the side whose
-/// colour it shares has it, and where colours do not differ the one that moves more: tissue slides under the edge of
-/// a craniotomy, a retractor or a pad, which rest.
+/// between two motions the hidden strip belongs to one of the two sides. The motion does not show which, so the side of
+/// the same colour is taken, and if the colours do not differ the side that moves more: tissue slides under the edge
+/// of a craniotomy, a retractor or a pad, which rest.
 enum class Continue {
   kByColour,  ///< as said above
   kResting,   ///< from the side that moves less, whatever its colour: what lies behind

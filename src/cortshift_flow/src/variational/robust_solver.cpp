@@ -65,9 +65,9 @@ struct SweepRow {
   const float *ixx, *ixy, *iyy, *cu, *cv, *right, *below, *below_of_above, *u_above, *u_below, *v_above, *v_below;
 };
 
-/// Relaxes the pixels of one colour. Both colours are computed and one is kept: plain vector code, and a pixel's
-/// neighbours are all of the other colour, so the order of the updates does not matter. Written beside the row that is
-/// read, so that the compiler sees no dependence.
+/// Relaxes the pixels of one colour of a chessboard. All pixels are computed, and those of the other colour have a
+/// relaxation of 0: that makes plain vector code. A pixel's neighbours are all of the other colour, so the order does
+/// not matter. The result goes to another row than the one that is read, so that the compiler can vectorise the loop.
 CORTSHIFT_VECTORISED
 void relaxRow(const SweepRow& r, const float* relaxation, const float* u, const float* v, float* __restrict__ new_u,
               float* __restrict__ new_v, int width) {

@@ -10,7 +10,7 @@ namespace cortshift_flow {
 namespace {
 
 constexpr int kCoarsestSide = 12;      // of the coarsest level's shorter side [px]
-constexpr double kCoarseEffort = 2e6;  // pixels and outer iterations that any level may use: coarse levels are cheap
+constexpr double kCoarseEffort = 2e6;  // pixels times outer iterations at each level: more iterations at coarse ones
 constexpr int kMostOuterIterations = 30;
 
 // Eq. (3) with the norm of I(p) as the mean over the channels (Liu 2009 averages them too): a grey image then means

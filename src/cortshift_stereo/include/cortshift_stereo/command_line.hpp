@@ -11,13 +11,13 @@
 
 namespace cortshift_stereo {
 
-/// A command line that cannot be meant so. The message names the option and the remedy.
+/// A command line that is wrong. The message names the option and the remedy.
 class UsageError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// Options of the form --name VALUE, and words that stand for themselves.
+/// Options of the form --name VALUE, and words without an option.
 class Options {
  public:
   /// @param words  names under which words without an option are found, in this order; each must be given

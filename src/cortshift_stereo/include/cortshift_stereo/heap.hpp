@@ -5,7 +5,8 @@
 
 namespace cortshift_stereo {
 
-/// Freed memory stays with the process: the next pair needs as much, and fresh pages cost a tenth of its time.
+/// Keeps freed memory in the process: the next pair needs as much, and getting it from the system again would cost a
+/// tenth of the time.
 inline void keepFreedMemory() {
   constexpr int kLargest = 512 << 20;  // bytes
   mallopt(M_MMAP_THRESHOLD, kLargest);

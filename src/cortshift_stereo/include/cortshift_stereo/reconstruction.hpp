@@ -38,11 +38,11 @@ struct ReconstructionResult {
   Surface surface_left;  ///< in the raw left camera frame
   ReconstructionQuality quality;
   std::vector<std::string> warnings;  ///< what a person should know before believing this; empty: nothing
-  double seconds = 0;  ///< wall time from the raw images in memory to the surface
+  double seconds = 0;                 ///< wall time from the raw images in memory to the surface
 };
 
 /// @param left, right  CV_8UC3 raw images
-/// @throws PairError if the pair cannot give a surface that deserves trust
+/// @throws PairError if the pair cannot give a surface that can be trusted
 ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, const Rectifier& rectifier,
                                  const ReconstructionSettings& settings = {});
 

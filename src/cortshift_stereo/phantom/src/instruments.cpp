@@ -56,8 +56,8 @@ std::optional<InstrumentHit> hitRod(const RodSettings& rod, const Eigen::Vector3
   const auto hitAt = [&](double distance, const Eigen::Vector3d& middle) {
     const Eigen::Vector3d at = from + distance * direction;
     const Eigen::Vector3d normal = (at - middle) / axis.radius;
-    return InstrumentHit{distance, {at.dot(axis.along), axis.radius * std::asin(std::clamp(normal.x(), -1.0, 1.0))},
-                         normal};
+    return InstrumentHit{
+        distance, {at.dot(axis.along), axis.radius * std::asin(std::clamp(normal.x(), -1.0, 1.0))}, normal};
   };
   const Eigen::Vector3d across = direction - direction.dot(axis.along) * axis.along;
   const Eigen::Vector3d beside = from - from.dot(axis.along) * axis.along;

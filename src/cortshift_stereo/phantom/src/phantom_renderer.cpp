@@ -48,7 +48,8 @@ class Shader {
     }
     if (film_ != nullptr && paint.gloss > 0) {
       const Eigen::Vector2d slope = film_->slope(x, y) * (1 - 0.85 * film);
-      const Eigen::Vector3d rippled = (normal - R_camera_brain_ * Eigen::Vector3d(slope.x(), slope.y(), 0)).normalized();
+      const Eigen::Vector3d rippled =
+          (normal - R_camera_brain_ * Eigen::Vector3d(slope.x(), slope.y(), 0)).normalized();
       out += cv::Vec3f::all(
           static_cast<float>(paint.gloss * lit * film_->mirrored(rippled, to_lamp, -point.normalized())));
     }
@@ -183,8 +184,7 @@ cv::Mat sensorLight(const PhantomScene& scene, int stage, Side side, const Eigen
   View view = scene.view(stage, side);
   if (!moved.isApprox(Eigen::Isometry3d::Identity())) view.T_pmr_camera = view.T_pmr_camera * moved;
   cv::Mat depth;
-  cv::Mat light =
-      renderView(scene, stage, view, image.supersampling, image.depth_of_field > 0 ? &depth : nullptr);
+  cv::Mat light = renderView(scene, stage, view, image.supersampling, image.depth_of_field > 0 ? &depth : nullptr);
   const double focus =
       std::hypot(description.cameras.working_distance, 0.5 * description.cameras.baseline) + image.focus_offset;
   if (!depth.empty()) light = outOfFocus(light, depth, focus, 1e3 * image.depth_of_field);

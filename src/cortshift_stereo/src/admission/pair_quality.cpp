@@ -93,29 +93,37 @@ ImageQuality measureImage(const cv::Mat& image) {
   return quality;
 }
 
-void checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side) {
+Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side) {
+  Findings found;
+  const std::string image = "The " + side + " image";
   if (quality.contrast < limits.min_contrast)
-    throw PairError("blank", "The " + side + " image is blank (contrast " + number(quality.contrast) +
-                                 " grey levels, at least " + number(limits.min_contrast) +
-                                 " are needed): check the light, the exposure and the beam splitter.");
+    found.refuse(CheckId::kBlank, image,
+                 "is blank (contrast " + number(quality.contrast) + " grey levels, at least " +
+                     number(limits.min_contrast) + " are needed)",
+                 "check the light, the exposure and the beam splitter");
   if (quality.saturated_share > limits.max_saturated_share)
-    throw PairError("saturated", "The " + side + " image is saturated (" + number(100 * quality.saturated_share) +
-                                     " % of its pixels, at most " + number(100 * limits.max_saturated_share) +
-                                     " % are allowed): lower the exposure or the light.");
+    found.refuse(CheckId::kSaturated, image,
+                 "is saturated (" + number(100 * quality.saturated_share) + " % of its pixels, at most " +
+                     number(100 * limits.max_saturated_share) + " % are allowed)",
+                 "lower the exposure or the light");
   if (quality.sharpness < limits.min_sharpness)
-    throw PairError("defocused", "The " + side + " image is out of focus (sharpness " + number(quality.sharpness) +
-                                     ", at least " + number(limits.min_sharpness) +
-                                     " is needed): focus the microscope.");
+    found.refuse(CheckId::kDefocused, image,
+                 "is out of focus (sharpness " + number(quality.sharpness) + ", at least " +
+                     number(limits.min_sharpness) + " is needed)",
+                 "focus the microscope");
+  return found;
 }
 
-void checkAlikeSharp(const ImageQuality& left, const ImageQuality& right, const PairLimits& limits) {
+Findings checkAlikeSharp(const ImageQuality& left, const ImageQuality& right, const PairLimits& limits) {
+  Findings found;
   const bool left_worse = left.detail < right.detail;
   const double less = left_worse ? left.detail : right.detail, more = left_worse ? right.detail : left.detail;
-  if (more <= limits.max_sharpness_ratio * less) return;
-  throw PairError("defocused", std::string("The ") + (left_worse ? "left" : "right") +
-                                   " image is blurred against the other one (detail " + number(less) + " against " +
-                                   number(more) + ", at most " + number(limits.max_sharpness_ratio) +
-                                   " times as much is allowed): check that camera's focus and its lens.");
+  if (more > limits.max_sharpness_ratio * less)
+    found.refuse(CheckId::kDefocused, std::string("The ") + (left_worse ? "left" : "right") + " image",
+                 "is blurred against the other one (detail " + number(less) + " against " + number(more) +
+                     ", at most " + number(limits.max_sharpness_ratio) + " times as much is allowed)",
+                 "check the focus and the lens of that camera");
+  return found;
 }
 
 namespace {
@@ -123,67 +131,76 @@ namespace {
 constexpr int kFewestPoints = 20;
 constexpr double kSureSds = 4;  // standard errors: 1 in 16000 by chance
 constexpr double kDegrees = 180 / CV_PI;
+// Rows tell a turn about the vertical axis by little (0.4 px in the corners for 0.5 deg), and so does what a
+// calibration leaves of the distortion: warned of, and refused where it is far beyond that.
+constexpr double kDoubtfulTurnY = 0.15 / kDegrees, kMostTurnY = 0.3 / kDegrees;
 
 std::string degrees(double radians) { return number(kDegrees * std::abs(radians)) + " deg"; }
 
 }  // namespace
 
 RowVerdict judgeRows(const RowAgreement& rows, const PairLimits& limits) {
+  RowVerdict verdict;
+  Findings& found = verdict.findings;
+  if (rows.matched < kFewestPoints) {
+    found.refuse(CheckId::kNoMatch, "The match",
+                 "rests on only " + std::to_string(rows.matched) + " points found in both images, at least " +
+                     std::to_string(kFewestPoints) + " are needed to trust the pair",
+                 "check that both images show the same scene");
+    return verdict;
+  }
   constexpr double kPlainlyBetter = 0.5, kLeastGap = 0.5;  // [px]
-  if (rows.matched >= kFewestPoints && rows.spread_as_is > kLeastGap &&
-      rows.spread_if_swapped < kPlainlyBetter * rows.spread_as_is)
-    throw PairError("swapped", "Left and right are swapped: the rows of the two images agree to " +
-                                   number(rows.spread_if_swapped) + " px when exchanged, but to " +
-                                   number(rows.spread_as_is) + " px as they are; exchange the cables or the topics.");
-  if (rows.matched < kFewestPoints)
-    throw PairError("no_match", "Only " + std::to_string(rows.matched) +
-                                    " points were found in both images, at least " + std::to_string(kFewestPoints) +
-                                    " are needed to trust the pair: check that both images show the same scene.");
-  const std::string remedy = "the images are not of one pair, or a camera moved since its calibration; calibrate again.";
+  if (rows.spread_as_is > kLeastGap && rows.spread_if_swapped < kPlainlyBetter * rows.spread_as_is)
+    found.refuse(CheckId::kSwapped, "Left and right",
+                 "are swapped: the rows of the two images agree to " + number(rows.spread_if_swapped) +
+                     " px when exchanged, but to " + number(rows.spread_as_is) + " px as they are",
+                 "exchange the cables or the topics");
+  const std::string images = "The rows of the two images", camera = "The right camera";
+  const std::string remedy = "the images are not of one pair, or a camera moved since its calibration; calibrate again";
   if (rows.spread > limits.max_epipolar_residual)
-    throw PairError("epipolar", "The rows of the two images do not agree (vertical gaps of " +
-                                    std::to_string(rows.matched) + " points scatter by " + number(rows.spread) +
-                                    " px, at most " + number(limits.max_epipolar_residual) + " px is allowed): " +
-                                    remedy);
-  const double turn = std::hypot(rows.turn_x.value, rows.turn_z.value);
+    found.refuse(CheckId::kEpipolar, images,
+                 "do not agree (vertical gaps of " + std::to_string(rows.matched) + " points scatter by " +
+                     number(rows.spread) + " px, at most " + number(limits.max_epipolar_residual) + " px is allowed)",
+                 remedy);
   if (rows.misalignment.surely(kSureSds) > limits.max_misalignment)
-    throw PairError("epipolar", "The rows of the two images do not agree: the right camera is turned by " +
-                                    degrees(turn) + " against its calibration (rows off by " +
-                                    number(rows.misalignment.value) + " px, standard error " +
-                                    number(rows.misalignment.sd) + ", at most " + number(limits.max_misalignment) +
-                                    " px can be taken out): " + remedy);
-  // Rows tell a turn about the vertical axis by little: what they tell for certain is too much to believe any depth.
-  constexpr double kMostTurnY = 0.3 / kDegrees;
+    found.refuse(
+        CheckId::kEpipolar, images,
+        "do not agree: the right camera is turned by " + degrees(std::hypot(rows.turn_x.value, rows.turn_z.value)) +
+            " against its calibration (rows off by " + number(rows.misalignment.value) + " px, standard error " +
+            number(rows.misalignment.sd) + ", at most " + number(limits.max_misalignment) + " px can be taken out)",
+        remedy);
   if (std::abs(rows.turn_y.surely(kSureSds)) > kMostTurnY)
-    throw PairError("epipolar", "The right camera is turned about the vertical axis by " +
-                                    degrees(rows.turn_y.value) + " (standard error " + number(kDegrees * rows.turn_y.sd) +
-                                    ") against its calibration, which changes every depth: " + remedy);
+    found.refuse(CheckId::kEpipolar, camera,
+                 "is turned about the vertical axis by " + degrees(rows.turn_y.value) + " (standard error " +
+                     number(kDegrees * rows.turn_y.sd) + " deg) against its calibration, which changes every depth",
+                 remedy);
   // A row that is off by this much shifts a match along a slanting vessel by as much: 0.1 mm at 300 mm.
   constexpr double kWorthIt = 0.15;  // [px]
-  RowVerdict verdict;
-  if (rows.misalignment.surely(kSureSds) > kWorthIt)
-    verdict.turn = cv::Vec3d(rows.turn_x.value, 0, rows.turn_z.value);
+  if (rows.misalignment.surely(kSureSds) > kWorthIt) verdict.turn = cv::Vec3d(rows.turn_x.value, 0, rows.turn_z.value);
   return verdict;
 }
 
-std::vector<std::string> warningsOfRows(const RowAgreement& rows, const cv::Vec3d& taken, double baseline, double depth,
-                                        double focal) {
-  std::vector<std::string> warnings;
-  const auto depthError = [&](double turn) { return number(1e3 * depth * depth / baseline * std::abs(turn)) + " mm"; };
-  const double turn = cv::norm(taken);
+Findings warningsOfRows(const RowAgreement& rows, const cv::Vec3d& taken, const StereoModel& model, double depth) {
+  Findings found;
+  const double turn = cv::norm(taken), focal = model.right.P(1, 1);
+  const auto depthError = [&](double by) {
+    return number(1e3 * depth * depth / model.baseline() * std::abs(by)) + " mm";
+  };
+  const std::string camera = "The right camera", remedy = "calibrate again";
   if (turn > 0)
-    warnings.push_back("The right camera is turned by " + degrees(turn) + " against its calibration (" +
-                       degrees(taken[0]) + " about the horizontal axis, rows off by " + number(focal * std::abs(taken[0])) +
-                       " px, and " + degrees(taken[2]) + " about the optical axis); this was taken out. A turn about the " +
-                       "vertical axis does not show in the rows: if it is as large, depths are wrong by " +
-                       depthError(turn) + ". Calibrate again.");
-  constexpr double kDoubtful = 0.1 / kDegrees;
-  if (std::abs(rows.turn_y.surely(kSureSds)) > kDoubtful)
-    warnings.push_back("The rows hint at a turn of the right camera about the vertical axis by " +
-                       degrees(rows.turn_y.value) + " (standard error " + number(kDegrees * rows.turn_y.sd) +
-                       " deg) against its calibration: depths would be wrong by " + depthError(rows.turn_y.value) +
-                       ". Calibrate again.");
-  return warnings;
+    found.warn(CheckId::kEpipolar, camera,
+               "is turned by " + degrees(turn) + " against its calibration (" + degrees(taken[0]) +
+                   " about the horizontal axis, rows off by " + number(focal * std::abs(taken[0])) + " px, and " +
+                   degrees(taken[2]) + " about the optical axis); this was taken out, but a turn about the vertical " +
+                   "axis does not show in the rows, and one as large makes depths wrong by " + depthError(turn),
+               remedy);
+  if (std::abs(rows.turn_y.surely(kSureSds)) > kDoubtfulTurnY)
+    found.warn(CheckId::kEpipolar, camera,
+               "seems to be turned about the vertical axis by " + degrees(rows.turn_y.value) + " (standard error " +
+                   number(kDegrees * rows.turn_y.sd) + " deg) against its calibration, which makes depths wrong by " +
+                   depthError(rows.turn_y.value),
+               remedy);
+  return found;
 }
 
 }  // namespace cortshift_stereo

@@ -9,12 +9,12 @@
 namespace cortshift_stereo {
 namespace {
 
-constexpr int kHalfWindow = 10;        // [px]
-constexpr double kMostError = 0.5;     // [px] of a row, to count as measured
-constexpr double kLeastAlike = 0.7;    // correlation of the two windows
-constexpr double kMostReturn = 0.3;    // [px] apart after matching there and back, beyond three standard errors
-constexpr double kFarthest = 12;       // [px] from where matching started
-constexpr double kNeighboursShare = 3; // pixels around share their noise: images are blurred before resampling
+constexpr int kHalfWindow = 10;         // [px]
+constexpr double kMostError = 0.5;      // [px] of a row, to count as measured
+constexpr double kLeastAlike = 0.7;     // correlation of the two windows
+constexpr double kMostReturn = 0.3;     // [px] apart after matching there and back, beyond three standard errors
+constexpr double kFarthest = 12;        // [px] from where matching started
+constexpr double kNeighboursShare = 3;  // pixels around share their noise: images are blurred before resampling
 
 struct View {
   cv::Mat_<float> image;
@@ -34,13 +34,18 @@ struct Found {
   double alike = 0;
 };
 
+/// How far a pixel of the other image's window lies along the row for one to the right and one down in this image's.
+struct Shear {
+  float right = 1, down = 0;
+};
+
 /// The window around `from` in the other image, beginning at `start`: Gauss-Newton on shift, gain and offset (Lucas and
 /// Kanade 1981, with the linear change of brightness of Negahdaripour 1998).
-Found track(const View& one, const View& other, cv::Point2f from, cv::Point2f start, int half) {
+Found track(const View& one, const View& other, cv::Point2f from, cv::Point2f start, int half, const Shear& shear) {
   Found found;
   found.place = start;
   const auto inside = [half](const View& view, const cv::Point2f& p) {
-    const auto margin = static_cast<float>(half + 2);
+    const auto margin = 1.5f * static_cast<float>(half + 2);  // for the shear
     return p.x > margin && p.y > margin && p.x < static_cast<float>(view.image.cols) - margin &&
            p.y < static_cast<float>(view.image.rows) - margin;
   };
@@ -56,7 +61,8 @@ Found track(const View& one, const View& other, cv::Point2f from, cv::Point2f st
     int count = 0;
     for (int dy = -half; dy <= half; ++dy)
       for (int dx = -half; dx <= half; ++dx) {
-        const float x = found.place.x + static_cast<float>(dx), y = found.place.y + static_cast<float>(dy);
+        const float x = found.place.x + shear.right * static_cast<float>(dx) + shear.down * static_cast<float>(dy);
+        const float y = found.place.y + static_cast<float>(dy);
         const float x1 = from.x + static_cast<float>(dx), y1 = from.y + static_cast<float>(dy);
         if (!one.usable(static_cast<int>(y1 + 0.5f), static_cast<int>(x1 + 0.5f)) ||
             !other.usable(static_cast<int>(y + 0.5f), static_cast<int>(x + 0.5f)))
@@ -129,6 +135,21 @@ std::vector<cv::Point2f> informativePlaces(const View& left, const cv::Mat& disp
   return places;
 }
 
+/// How the surface's slope shears a window, from the disparity around.
+Shear shearAt(const cv::Mat& disparity, const cv::Point2f& at) {
+  const cv::Point place(static_cast<int>(at.x), static_cast<int>(at.y));
+  const auto slope = [&](const cv::Point& step) {
+    const cv::Point before = place - step, after = place + step;
+    const cv::Rect inside(0, 0, disparity.cols, disparity.rows);
+    if (!inside.contains(before) || !inside.contains(after)) return 0.0f;
+    const float rise =
+        (disparity.at<float>(after) - disparity.at<float>(before)) / static_cast<float>(2 * (step.x + step.y));
+    constexpr float kSteepest = 0.3f;                 // [px / px]; beyond, two surfaces
+    return std::abs(rise) < kSteepest ? rise : 0.0f;  // not for NaN
+  };
+  return {1 - slope({kHalfWindow, 0}), -slope({0, kHalfWindow})};
+}
+
 View reduced(const View& view, int factor) {
   View out;
   const cv::Size size(view.image.cols / factor, view.image.rows / factor);
@@ -152,15 +173,19 @@ std::vector<MatchedPoint> matchPoints(const RectifiedPair& pair, const cv::Mat& 
       const cv::Point2f from = places[static_cast<std::size_t>(i)];
       const cv::Point2f start(from.x - disparity.at<float>(static_cast<int>(from.y), static_cast<int>(from.x)), from.y);
       if (!std::isfinite(start.x)) continue;
-      const auto coarsely = [](const cv::Point2f& p) { return (p + cv::Point2f(0.5f, 0.5f)) / kCoarse - cv::Point2f(0.5f, 0.5f); };
-      const Found coarse = track(left_coarse, right_coarse, coarsely(from), coarsely(start), kHalfWindow / 2);
+      const Shear shear = shearAt(disparity, from);
+      const auto coarsely = [](const cv::Point2f& p) {
+        return (p + cv::Point2f(0.5f, 0.5f)) / kCoarse - cv::Point2f(0.5f, 0.5f);
+      };
+      const Found coarse = track(left_coarse, right_coarse, coarsely(from), coarsely(start), kHalfWindow / 2, shear);
       cv::Point2f near = start;
       if (coarse.alike > kLeastAlike && cv::norm(coarse.place - coarsely(start)) < kFarthest / kCoarse)
         near += kCoarse * (coarse.place - coarsely(start));
-      const Found found = track(left, right, from, near, kHalfWindow);
+      const Found found = track(left, right, from, near, kHalfWindow, shear);
       if (!(found.sd_row < kMostError) || found.alike < kLeastAlike || cv::norm(found.place - start) > kFarthest)
         continue;
-      const Found back = track(right, left, found.place, from, kHalfWindow);
+      const Found back =
+          track(right, left, found.place, from, kHalfWindow, {1 / shear.right, -shear.down / shear.right});
       if (!(back.sd_row < kMostError) || std::abs(back.place.y - from.y) > kMostReturn + 3 * found.sd_row) continue;
       point = {from, found.place, found.sd_row};
     }

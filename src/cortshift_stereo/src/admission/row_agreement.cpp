@@ -53,18 +53,18 @@ struct Fit {
 };
 
 Fit fitMotion(const std::vector<Row>& rows, const std::vector<double>& gaps, const std::vector<MatchedPoint>& points) {
-  constexpr double kTukey = 4.685;      // 95 % of the efficiency of least squares where errors are normal
-  constexpr double kLeastSpread = 0.02; // [px] interpolation
+  constexpr double kTukey = 4.685;       // 95 % of the efficiency of least squares where errors are normal
+  constexpr double kLeastSpread = 0.02;  // [px] interpolation
   constexpr int kRounds = 10;
   Fit fit;
   std::vector<double> own;
   for (const MatchedPoint& point : points) own.push_back(point.sd_row);
   fit.spread = std::max(kLeastSpread, 1.4826 * median([&] {
-    const double middle = median(gaps);
-    std::vector<double> away;
-    for (const double gap : gaps) away.push_back(std::abs(gap - middle));
-    return away;
-  }()));
+                                        const double middle = median(gaps);
+                                        std::vector<double> away;
+                                        for (const double gap : gaps) away.push_back(std::abs(gap - middle));
+                                        return away;
+                                      }()));
   for (int round = 0; round < kRounds; ++round) {
     Square A = Square::zeros();
     Row b = Row::all(0);

@@ -53,7 +53,7 @@ ReconstructionResult averageFrames(const std::vector<Frame>& frames, const Stere
       for (int x = 0; x < size.width; ++x) {
         values.clear();
         cv::Vec3i sum(0, 0, 0);
-        float promised = 0;  // variance of one frame
+        float promised = 0;  // variance that a frame's confidence stands for
         for (const Frame& frame : frames) {
           sum += cv::Vec3i(frame.colour.at<cv::Vec3b>(y, x));
           const float d = frame.disparity.at<float>(y, x), c = frame.confidence.at<float>(y, x);

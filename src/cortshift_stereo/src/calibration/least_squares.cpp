@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kStep = 1e-6;
 constexpr int kMostIterations = 100;
-constexpr double kSmallestGain = 1e-12;  // relative decrease of the cost below which nothing is left to gain
+constexpr double kSmallestGain = 1e-12;  // relative decrease of the cost at which the iteration stops
 constexpr double kSmallestStep = 1e-12;
 constexpr double kLargestDamping = 1e12;
 

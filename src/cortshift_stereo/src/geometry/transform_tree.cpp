@@ -84,6 +84,21 @@ std::vector<std::string> TransformTree::chainToRoot(const std::string& frame) co
   return chain;
 }
 
+void TransformTree::refuseSecondSource(const std::string& child, const Edge& edge, int64_t stamp_ns) const {
+  if (edge.samples.empty()) return;
+  auto near = edge.samples.lower_bound(stamp_ns);
+  if (near == edge.samples.end()) --near;
+  const Sample &fixed = *edge.fixed, &moving = near->second;
+  constexpr double kSame = 1e-6;  // [m], [rad] rounding; publishers of fixed edges may repeat them on /tf
+  if (fixed.parent == moving.parent && (fixed.translation - moving.translation).norm() <= kSame &&
+      fixed.rotation.angularDistance(moving.rotation) <= kSame)
+    return;
+  throw PoseError(Reason::kTwoSources, false,
+                  "edge " + edgeName(fixed.parent, child) + " is fixed on /tf_static, and " +
+                      edgeName(moving.parent, child) +
+                      " moves on /tf with another pose: two sources for one frame; stop the one that is wrong");
+}
+
 TransformTree::Link TransformTree::evaluate(const std::string& child, int64_t stamp_ns) const {
   const Edge& edge = edges_.at(child);
   const auto refuseBroken = [&](const Sample& sample, const std::string& when) {
@@ -94,6 +109,7 @@ TransformTree::Link TransformTree::evaluate(const std::string& child, int64_t st
   };
   if (edge.fixed) {
     refuseBroken(*edge.fixed, "on /tf_static");
+    refuseSecondSource(child, edge, stamp_ns);
     return {edge.fixed->parent, isometry(edge.fixed->translation, edge.fixed->rotation)};
   }
   const auto after = edge.samples.lower_bound(stamp_ns);
@@ -132,6 +148,29 @@ TransformTree::Link TransformTree::evaluate(const std::string& child, int64_t st
   const double share = static_cast<double>(gap_before) / static_cast<double>(gap_before + gap_after);
   return {before->second.parent, isometry((1 - share) * before->second.translation + share * after->second.translation,
                                           before->second.rotation.slerp(share, after->second.rotation))};
+}
+
+std::vector<MovingEdge> TransformTree::movingEdges(const std::string& target, const std::string& source,
+                                                   int64_t stamp_ns, int64_t half_window_ns) const {
+  lookup(target, source, stamp_ns);  // or what is wrong is told
+  const std::vector<std::string> targets = chainToRoot(target), sources = chainToRoot(source);
+  std::vector<MovingEdge> moving;
+  for (const std::vector<std::string>* own : {&targets, &sources}) {
+    const std::vector<std::string>& other = own == &targets ? sources : targets;
+    for (const std::string& child : *own) {
+      if (std::find(other.begin(), other.end(), child) != other.end()) break;  // where the chains meet
+      const auto edge = edges_.find(child);
+      if (edge == edges_.end() || edge->second.fixed) continue;
+      MovingEdge found{*parentOf(child), child, {}, lookup(child, source, stamp_ns)};
+      const auto& samples = edge->second.samples;
+      for (auto it = samples.lower_bound(stamp_ns - half_window_ns);
+           it != samples.end() && it->first <= stamp_ns + half_window_ns; ++it)
+        if (it->second.rigid)
+          found.samples.push_back({it->first, isometry(it->second.translation, it->second.rotation)});
+      moving.push_back(found);
+    }
+  }
+  return moving;
 }
 
 Eigen::Isometry3d TransformTree::lookup(const std::string& target, const std::string& source, int64_t stamp_ns) const {

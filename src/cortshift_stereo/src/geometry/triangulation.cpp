@@ -13,7 +13,7 @@ cv::Mat triangulate(const cv::Mat& disparity, const StereoModel& model) {
     for (int y = rows.start; y < rows.end; ++y) {
       const float* d = disparity.ptr<float>(y);
       auto* point = points.ptr<cv::Vec3f>(y);
-      // Along a row the ray of unit depth moves evenly.
+      // Along a row the point of depth 1 moves by the same step from pixel to pixel.
       const cv::Vec3d first = R_raw_rectified * cv::Vec3d(-P(0, 2) / P(0, 0), (y - P(1, 2)) / P(1, 1), 1);
       const cv::Vec3d along = R_raw_rectified * cv::Vec3d(1 / P(0, 0), 0, 0);
       for (int x = 0; x < disparity.cols; ++x) {

@@ -12,12 +12,13 @@ namespace cortshift_stereo {
 namespace {
 
 constexpr float kStep = 2;         // [px] of disparity between two surfaces
-constexpr int kRim = 2;            // [px] how far beside an edge matching errs
-constexpr int kReach = 7;          // [px] to where the surface beside the rim is seen
+constexpr int kRim = 2;            // [px] up to this far from an edge, matching can be wrong
+constexpr int kReach = 7;          // [px] at this distance, beyond the rim, the two surfaces are looked up
 constexpr float kAlike = 10;       // [grey levels]
 constexpr int kNeighbourhood = 2;  // [px] that is compared with the right image
-constexpr float kUnlike = 20;      // [grey levels] more than that counts as that
-constexpr float kPlainly = 0.7f;   // of the other's unlikeness: a thin thing in front of its background
+constexpr float kUnlike = 20;      // [grey levels] a larger difference counts as this
+constexpr float kPlainly = 0.7f;  // below this part of the other disparity's difference the right image decides: a thin
+                                  // thing before its background
 
 /// CV_8UC1, 255 within kRim of a step.
 cv::Mat rimOfSteps(const cv::Mat& disparity) {
@@ -40,7 +41,7 @@ class Judge {
     for (std::size_t i = 0; i < weights_.size(); ++i) weights_[i] = std::exp(-static_cast<float>(i) / kAlike);
   }
 
-  /// Disparity after judgement; NaN where the two witnesses contradict one another.
+  /// The disparity of a pixel after both tests; NaN where they contradict each other.
   float settle(int y, int x) {
     const float own = disparity_.at<float>(y, x);
     float below = 0, above = 0, all = 0;

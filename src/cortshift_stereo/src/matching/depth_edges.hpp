@@ -5,12 +5,12 @@
 
 namespace cortshift_stereo {
 
-/// Mends the rim of wrong disparity that matching by blocks leaves along edges of depth.
+/// Corrects the rim of wrong disparity that matching by blocks leaves along edges of depth.
 ///
-/// Beside an edge each pixel is asked twice: which surface do the pixels around it that look alike lie on (weighted
-/// median, Ma et al. 2013), and at which of the two disparities does its neighbourhood look like the right image. Where
-/// both say the other surface it moves there; where they contradict one another it stays if the right image speaks
-/// plainly, as for thin things, and else has no disparity.
+/// Each pixel beside an edge takes two tests. On which surface do the pixels around it lie that look like it (weighted
+/// median, Ma et al. 2013)? At which of the two disparities does its neighbourhood look like the right image? If both
+/// say the other surface, it moves there. If they contradict each other, it stays where the right image is clearly in
+/// favour, as for thin things, and otherwise has no disparity.
 ///
 /// @param disparity    CV_32FC1 [px], NaN where unknown
 /// @param left, right  CV_8UC1, row-aligned, of that size

@@ -13,7 +13,7 @@
 namespace cortshift_stereo {
 namespace {
 
-constexpr int kStep = 16;  // what OpenCV's matcher counts disparities in
+constexpr int kStep = 16;  // OpenCV's matcher takes a number of disparities that is a multiple of this
 
 int roundUp(int length) { return (length + kStep - 1) / kStep * kStep; }
 
@@ -29,7 +29,7 @@ std::pair<cv::Mat, cv::Mat> reduced(const cv::Mat& left, const cv::Mat& right, d
 
 /// Share of the matched pixels with a step of disparity beside them.
 double shareOfEdges(const cv::Mat& disparity) {
-  constexpr float kEdge = 1.5f;  // [px] no tissue is as steep
+  constexpr float kEdge = 1.5f;  // [px] no tissue is so steep
   int edges = 0, matched = 0;
   for (int y = 0; y + 1 < disparity.rows; ++y) {
     const float *row = disparity.ptr<float>(y), *below = disparity.ptr<float>(y + 1);
@@ -117,7 +117,7 @@ SearchRange possibleRange(const StereoModel& model, double near, double far) {
   const double f_times_b = model.left.P(0, 0) * model.baseline();
   const double offset = model.left.P(0, 2) - model.right.P(0, 2);
   const int width = model.left.size.width;
-  // Further apart than the image is wide the two views share nothing.
+  // At a disparity larger than the image is wide, the two views have nothing in common.
   const int low = std::clamp(static_cast<int>(std::floor(f_times_b / far + offset)), -width, width - 1);
   const int high = std::clamp(static_cast<int>(std::ceil(f_times_b / near + offset)), low + 1, width);
   return {low, high};

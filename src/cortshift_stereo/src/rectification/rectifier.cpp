@@ -13,9 +13,9 @@
 namespace cortshift_stereo {
 namespace {
 
-constexpr double kBlur = 0.9;  // [px] before resampling: what is left is what cubic convolution can interpolate
+constexpr double kBlur = 0.9;  // [px] before resampling: removes detail too fine for cubic convolution
 
-/// Mean of the channels: sensor noise is alike in all three, so that equal weights have the least of it.
+/// Mean of the channels: the sensor noise is the same in all three, so equal weights give the least noise.
 cv::Mat luminance(const cv::Mat& bgr) {
   cv::Mat grey(bgr.size(), CV_32FC1);
   cv::parallel_for_(cv::Range(0, bgr.rows), [&](const cv::Range& rows) {

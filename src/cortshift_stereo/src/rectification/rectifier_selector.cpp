@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "cortshift_stereo/admission/verdict.hpp"
+
 namespace cortshift_stereo {
 namespace {
 
@@ -45,9 +47,9 @@ std::shared_ptr<const Rectifier> RectifierSelector::at(const std::optional<Micro
   if (setting && fields_ && fields_->cover(*setting)) {
     if (!equal(*setting, *reference_)) other = setting;
   } else if (setting && !isReference(*setting)) {
-    throw PairError("settings", "The microscope is at " + describe(*setting) + ", but calibrated is only " +
-                                    calibratedSettings() +
-                                    ": turn the microscope back, or calibrate that setting with calibrate_settings.");
+    throw PairError(CheckId::kSettings, "The microscope",
+                    "is at " + describe(*setting) + ", but calibrated is only " + calibratedSettings(),
+                    "turn the microscope back, or calibrate that setting with calibrate_settings");
   }
   const bool same = rectifier_ && rectifier_setting_.has_value() == other.has_value() &&
                     (!other || equal(*other, *rectifier_setting_));

@@ -17,15 +17,15 @@
 namespace cortshift_stereo {
 namespace {
 
-// Tuned on phantoms with and without noise; not per site.
+// Chosen on phantoms with and without noise; the same at every site.
 constexpr double kSmoothness = 2e3;           // mu [px^2]: weight of bending against data
-constexpr double kTypicalBending = 0.0021;    // [px / px^2] beyond which psi grows but slowly
-constexpr double kInterpolationError = 0.05;  // [px] the gradient times this is the error of resampling
-constexpr double kOutlier = 4.5;          // [standard deviations] a residual has to lose three quarters of its weight
+constexpr double kTypicalBending = 0.0021;    // [px / px^2] above it psi grows only slowly
+constexpr double kInterpolationError = 0.05;  // [px] times the gradient: the error of resampling
+constexpr double kOutlier = 4.5;          // [standard deviations] a residual of this size keeps a quarter of its weight
 constexpr double kCorrelatedPixels = 10;  // neighbours share their noise: images are blurred before resampling
 constexpr double kLeastNoise = 0.25;      // [grey levels]: quantisation after the blur
 constexpr double kPhotometricReach = 24;  // [px] over which gain and offset vary
-constexpr double kTrustInStart = 0.05;    // [1/px^2] per pixel: holds where there is no texture to refine by
+constexpr double kTrustInStart = 0.05;    // [1/px^2] per pixel: keeps the start where there is no texture
 constexpr int kFinestCell = 4;            // [px]
 constexpr int kSteps = 14;
 
@@ -50,7 +50,8 @@ cv::Mat blurCells(const cv::Mat& values, double sigma) {
   return out;
 }
 
-/// Where each pixel of a line lands in the right image: the pixel before, and how far behind it; outside, at the rim.
+/// Where each pixel of a line lies in the right image: the pixel to the left of the place, and the distance from it; a
+/// place outside the image is moved to its rim.
 CORTSHIFT_VECTORISED
 void landRow(const float* d, int* column, float* fraction, int width) {
   const auto last = static_cast<float>(width - 3);
@@ -83,7 +84,7 @@ void interpolateRow(const float* taps, const float* fraction, const int* seen, c
   }
 }
 
-/// Adds what each pixel of a line says to the sums of its column.
+/// Adds each pixel of a line to the sums of its column of cells.
 CORTSHIFT_VECTORISED
 void addRow(const float* left, const float* up, const float* down, const float* gain, const float* warped,
             const float* slope, const float* counts, float noise2, float* const* sums, int width) {
@@ -99,7 +100,7 @@ void addRow(const float* left, const float* up, const float* down, const float* 
     const float g = 0.5f * (slope_left + gain[x] * slope[x]);
     const float variance = noise2 + registration2 * (slope_left * slope_left + slope_down * slope_down);
     const float soft = 1 / (variance + r * r * outlier);
-    const float w = counts[x] * variance * soft * soft;  // falls faster than the gradient of any outlier grows
+    const float w = counts[x] * variance * soft * soft;  // falls as 1/r^4: outliers have no influence
     sum_w[x] += w;
     wr[x] += w * r;
     wg[x] += w * g;
@@ -232,7 +233,7 @@ class DataTerm {
   const cv::Mat known_;
 };
 
-/// Smooths away matching noise below a pixel, keeps larger steps.
+/// Smooths differences of less than a pixel (noise of the matching) and keeps larger steps.
 cv::Mat smoothBelowAPixel(const cv::Mat& d) {
   cv::Mat smooth(d.size(), CV_32FC1);
   constexpr double kStrips = 4;  // OpenCV blurs floats in one thread; it sees the rows around a strip
@@ -249,7 +250,7 @@ cv::Mat smoothBelowAPixel(const cv::Mat& d) {
   return smooth;
 }
 
-/// Mean over each cell of the pixels on the surface that its middle lies on.
+/// Mean of the pixels of each cell that lie on the same surface as the middle of the cell.
 cv::Mat meanOfCells(const cv::Mat& d, int cell) {
   cv::Mat_<float> means(cellsOf(d.size(), cell));
   cv::parallel_for_(cv::Range(0, means.rows), [&](const cv::Range& rows) {
@@ -283,13 +284,14 @@ cv::Mat shareOfCells(const cv::Mat& mask, int cell) {
   return share;
 }
 
-/// The surface through the cells' middles, at each pixel. Planes stay planes, which OpenCV's cubic kernel does not see
-/// to.
+/// The surface through the values at the middles of the cells, at each pixel. A plane stays a plane exactly; with
+/// OpenCV's cubic kernel (a = -3/4) it would not.
 cv::Mat surfaceThrough(const cv::Mat& cells, const cv::Size& size, int cell) {
   CV_Assert(cell % 4 == 0);
   constexpr int kTaps = 5;  // a cell's pixels lie on both sides of its middle
   std::vector<float> weights(static_cast<std::size_t>(kTaps * cell), 0.0f);
-  const auto split = [cell](int pixel) {  // cell before the middle of the pixel, and how far behind it
+  // The cell whose middle lies to the left of (or above) a pixel's middle, and the distance from it.
+  const auto split = [cell](int pixel) {
     const float at = (static_cast<float>(pixel) + 0.5f) / static_cast<float>(cell) - 0.5f;
     return std::make_pair(static_cast<int>(std::floor(at)), at - std::floor(at));
   };
@@ -341,8 +343,8 @@ void follow(cv::Mat& d, const cv::Mat& before, const cv::Mat& after) {
   });
 }
 
-/// Stiffness of each cell: mu, less where the surface bends more than tissue does between its folds. There it falls
-/// with the square of the bending, so that the bottom of a narrow fold is not drawn flat.
+/// Stiffness of each cell: mu, and less where the surface bends more than tissue does between its folds. There it falls
+/// with the square of the bending, so that the bottom of a narrow fold is not flattened.
 cv::Mat bendingWeights(const cv::Mat& cells, int cell) {
   const double typical = kTypicalBending * cell * cell;
   const cv::Mat bending = squaredBending(cells);
@@ -350,11 +352,12 @@ cv::Mat bendingWeights(const cv::Mat& cells, int cell) {
   return kSmoothness / (static_cast<double>(cell) * cell) / softer;
 }
 
-/// Error to expect of each cell [px]. The posterior deviation of a stiff sheet on data falls with both the information
-/// and the stiffness; the scale was fitted to phantoms, where it holds within a factor of two from 0.01 to 0.5 px.
+/// Expected error of each cell [px]. The posterior deviation of a stiff sheet that is fitted to data falls with the
+/// information of the data and with the stiffness; the scale was fitted to phantoms, where it holds within a factor of
+/// two from 0.01 to 0.5 px.
 cv::Mat deviationOfCells(const cv::Mat& information, const cv::Mat& stiffness) {
   constexpr double kScale = 1.6;
-  constexpr double kLeastStiffness = 1;  // at an edge of depth the data alone decide
+  constexpr double kLeastStiffness = 1;  // at an edge of depth only the data count
   cv::Mat deviation;
   const cv::Mat stiff = cv::max(blurCells(stiffness, 0.7), kLeastStiffness);
   cv::pow(blurCells(information, 1.0).mul(stiff) + 1e-9, -0.5, deviation);
@@ -389,7 +392,7 @@ RefinedDisparity refineDisparity(const RectifiedPair& pair, const cv::Mat& start
       cv::resize(gain, gain, cells.size(), 0, 0, cv::INTER_LINEAR);
     for (int round = 0; round < level.rounds; ++round) {
       const bool last = cell == kFinestCell && round + 1 == level.rounds;
-      const int row_step = last ? 1 : 2;  // half of the rows show the way
+      const int row_step = last ? 1 : 2;  // every second row is enough before the last step
       const CellSums sums = data.sum(d, surface, gain, noise, cell, row_step);
       const cv::Mat offset = blurCells(sums.wr, reach) / (blurCells(sums.w, reach) + 1e-9f);
       const cv::Mat right = blurCells(sums.right, reach);

@@ -57,7 +57,7 @@ class Bending {
         const Differences d = differences(c + x, width);
         xx[x] = w[x] * d.xx;
         yy[x] = w[x] * d.yy;
-        xy[x] = 0.5f * w[x] * d.xy;  // twice a quarter, the other quarter-factor of the transpose
+        xy[x] = 0.5f * w[x] * d.xy;  // 2 (xy counts twice) times 1/4 (1/2 from d.xy, 1/2 from its transpose)
       }
     }
   }

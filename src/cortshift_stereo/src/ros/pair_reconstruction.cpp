@@ -78,8 +78,9 @@ PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseA
 void PairReconstruction::calibrate(const PairMessages& pair) {
   const sensor_msgs::CameraInfoConstPtr &left = pair.left_info, &right = pair.right_info;
   if (!left || !right)
-    throw PairError("camera_info", std::string("No camera_info of the ") + (left ? "right" : "left") +
-                                       " camera has arrived: check that the driver or the bag publishes it.");
+    throw PairError(CheckId::kCameraInfo,
+                    std::string("The camera_info of the ") + (left ? "right" : "left") + " camera", "has not arrived",
+                    "check that the driver or the bag publishes it");
   if (left_info_ && sameCalibration(*left, *left_info_) && sameCalibration(*right, *right_info_)) return;
   left_info_ = right_info_ = nullptr;
   rectifiers_.calibrate(stereoModelFromInfo(*left, *right));

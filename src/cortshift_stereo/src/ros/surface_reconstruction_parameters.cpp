@@ -1,6 +1,7 @@
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
 
 #include "cortshift_stereo/ros/parameter_reader.hpp"
+#include "cortshift_stereo/ros/parameter_writer.hpp"
 
 namespace cortshift_stereo {
 
@@ -9,9 +10,11 @@ std::optional<MicroscopeSetting> SurfaceReconstructionParameters::referenceSetti
   return MicroscopeSetting{reference_magnification, reference_focal_length};
 }
 
-SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const ParameterSource& source) {
-  SurfaceReconstructionParameters p;
-  ParameterReader reader(source);
+namespace {
+
+/// Every parameter once, for reading and for writing down.
+template <typename Reader, typename Parameters>
+void each(Reader& reader, Parameters& p) {
   reader.choice("map_frame", p.map_frame);
   reader.choice("camera_frame", p.camera_frame);
   reader.number("sync_tolerance", p.sync_tolerance, 0.0, 0.1);
@@ -22,14 +25,12 @@ SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const Para
   reader.choice("settings_calibration", p.settings_calibration);
   reader.number("reference_magnification", p.reference_magnification, 0.0, 100.0);
   reader.number("reference_focal_length", p.reference_focal_length, 0.0, 10.0);
-  if ((p.reference_magnification == 0) != (p.reference_focal_length == 0))
-    throw ParameterError("of reference_magnification and reference_focal_length one is given and the other is not");
   reader.number("settings_tolerance", p.settings_tolerance, 0.0, 0.1);
   reader.number("average_pairs", p.average_pairs, 1, 64);
   reader.number("average_window", p.average.age, 0.01, 60.0);
   reader.number("average_max_translation", p.average.translation, 0.0, 0.1);
   reader.number("average_max_rotation", p.average.rotation, 0.0, 0.5);
-  ReconstructionSettings& r = p.reconstruction;
+  auto& r = p.reconstruction;
   reader.number("min_working_distance", r.min_working_distance, 0.02, 10.0);
   reader.number("max_working_distance", r.max_working_distance, 0.02, 100.0);
   reader.number("relief", r.relief, 0.0, 1.0);
@@ -39,9 +40,25 @@ SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const Para
   reader.number("max_saturated_share", r.limits.max_saturated_share, 0.0, 1.0);
   reader.number("min_contrast", r.limits.min_contrast, 0.0, 128.0);
   reader.number("min_sharpness", r.limits.min_sharpness, 0.0, 10.0);
+}
+
+}  // namespace
+
+std::string SurfaceReconstructionParameters::effective() const {
+  ParameterWriter writer;
+  each(writer, *this);
+  return writer.without();
+}
+
+SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const ParameterSource& source) {
+  SurfaceReconstructionParameters p;
+  ParameterReader reader(source);
+  each(reader, p);
   reader.finish();
+  if ((p.reference_magnification == 0) != (p.reference_focal_length == 0))
+    throw ParameterError("of reference_magnification and reference_focal_length one is given and the other is not");
   try {
-    r.validate();
+    p.reconstruction.validate();
   } catch (const std::invalid_argument& error) {
     throw ParameterError(std::string("parameters: ") + error.what());
   }

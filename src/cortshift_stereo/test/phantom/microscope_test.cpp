@@ -38,7 +38,8 @@ double sharpness(const cv::Mat& light) {
   return deviation[0];
 }
 
-cv::Mat exposed(const PhantomCase& description, const cv::Mat& light, Side side = Side::kLeft, std::uint64_t frame = 1) {
+cv::Mat exposed(const PhantomCase& description, const cv::Mat& light, Side side = Side::kLeft,
+                std::uint64_t frame = 1) {
   return Sensor(description.image).expose(Sensor::prepare(light), frame, side);
 }
 
@@ -59,7 +60,8 @@ TEST(PhantomMicroscope, aPictureLiesWhereItIsSpread) {
   for (const double x : {-0.004, 0.004}) {
     const auto pixel = view.project(scene.pointAt(0, x, 0));
     ASSERT_TRUE(pixel);
-    const auto colour = light.at<cv::Vec3f>(static_cast<int>(std::lround(pixel->y())), static_cast<int>(std::lround(pixel->x())));
+    const auto colour =
+        light.at<cv::Vec3f>(static_cast<int>(std::lround(pixel->y())), static_cast<int>(std::lround(pixel->x())));
     // Light is the same for the three channels: their ratio is the picture's.
     EXPECT_NEAR(colour[0] / colour[2], x < 0 ? 0.25 : 4.0, 0.02 * (x < 0 ? 0.25 : 4.0)) << x;
   }
@@ -169,7 +171,8 @@ TEST(PhantomMicroscope, compressionChangesALittle) {
   const cv::Mat light = sensorLight(PhantomScene(description), 0, Side::kLeft);
   const cv::Mat before = exposed(description, light);
   description.image.jpeg = 85;
-  const double change = cv::norm(before, exposed(description, light), cv::NORM_L1) / (3.0 * static_cast<double>(light.total()));
+  const double change =
+      cv::norm(before, exposed(description, light), cv::NORM_L1) / (3.0 * static_cast<double>(light.total()));
   EXPECT_GT(change, 0.3);
   EXPECT_LT(change, 8);
 }

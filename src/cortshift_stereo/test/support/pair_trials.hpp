@@ -24,7 +24,8 @@ struct PairTrial {
 };
 using Judge = std::function<void(const PairTrial&)>;
 
-inline StereoImages exposed(const cv::Mat& left, const cv::Mat& right, const ImageSettings& image, std::uint64_t frame) {
+inline StereoImages exposed(const cv::Mat& left, const cv::Mat& right, const ImageSettings& image,
+                            std::uint64_t frame) {
   using namespace cortshift_stereo_phantom;
   const Sensor sensor(image);
   return {sensor.expose(Sensor::prepare(left), frame, Side::kLeft),
@@ -70,7 +71,8 @@ inline void badPairs(const PhantomPair& pair, int stage, int variety, const Judg
     judge({"right camera 8 px lower", pair, exposed(left, rowsDown(right, 8), image, 1)});
   } else {
     Eigen::Isometry3d turned = Eigen::Isometry3d::Identity();
-    const std::array<const char*, 3> names = {"right camera turned by 0.5 deg about x", "right camera turned by 0.5 deg about z",
+    const std::array<const char*, 3> names = {"right camera turned by 0.5 deg about x",
+                                              "right camera turned by 0.5 deg about z",
                                               "right camera turned by 0.5 deg about y"};
     const std::array<Eigen::Vector3d, 3> axes = {Eigen::Vector3d::UnitX(), Eigen::Vector3d::UnitZ(),
                                                  Eigen::Vector3d::UnitY()};

@@ -41,7 +41,8 @@ class PhantomPair {
   PhantomPair(const cortshift_stereo_phantom::PhantomCase& description, int stage)
       : scene_(std::make_shared<cortshift_stereo_phantom::PhantomScene>(description)) {
     using namespace cortshift_stereo_phantom;
-    for (const Side side : {Side::kLeft, Side::kRight}) light_[side == Side::kRight] = sensorLight(*scene_, stage, side);
+    for (const Side side : {Side::kLeft, Side::kRight})
+      light_[side == Side::kRight] = sensorLight(*scene_, stage, side);
     const View view = scene_->rectified(stage, Side::kLeft);
     const ViewTruth truth = truthOf(*scene_, stage, view);
     depth_.create(view.size, CV_32FC1);

@@ -37,7 +37,7 @@ std::optional<double> heightOnMesh(const Projection& projection, double column, 
     const double wb = (px * acy - py * acx) / area, wc = (abx * py - aby * px) / area;
     if (wb >= -kRounding && wc >= -kRounding && wb + wc <= 1 + kRounding)
       return a[2] + wb * (b[2] - a[2]) + wc * (c[2] - a[2]);
-    // Where the target would lie if this triangle went on; a nudge keeps it from landing on the shared edge again.
+    // Where the target would lie if this triangle were larger; a small extra step avoids the shared edge.
     const double wa = 1 - wb - wc;
     const double next_s = x + wa * corners[0][0] + wb * corners[1][0] + wc * corners[2][0];
     const double next_t = y + wa * corners[0][1] + wb * corners[1][1] + wc * corners[2][1];

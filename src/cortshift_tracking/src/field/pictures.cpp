@@ -123,7 +123,7 @@ double scaleEndOf(const cv::Mat& values) {
 cv::Vec3b signedColour(double value) {
   const double t = std::clamp(value, -1.0, 1.0);
   const cv::Vec3d end = t < 0 ? cv::Vec3d(176, 60, 20) : cv::Vec3d(30, 20, 178), white(245, 245, 245);
-  const double share = std::sqrt(std::abs(t));  // small values stay apart from none
+  const double share = std::sqrt(std::abs(t));  // small values can be distinguished from zero
   const cv::Vec3d mixed = (1 - share) * white + share * end;
   return {cv::saturate_cast<uchar>(mixed[0]), cv::saturate_cast<uchar>(mixed[1]), cv::saturate_cast<uchar>(mixed[2])};
 }

@@ -7,7 +7,7 @@ namespace cortshift_tracking {
 namespace {
 
 constexpr float kMean = 0.5F;      // of the result
-constexpr float kDarkest = 0.02F;  // local mean below which brightness is not raised any further
+constexpr float kDarkest = 0.02F;  // a smaller local mean is replaced by this one in the division
 constexpr float kLeastWeight = 1e-3F;
 
 cv::Mat luminanceOf(const cv::Mat& image) {

@@ -15,17 +15,17 @@ namespace {
 
 using cortshift_flow::FlowResult;
 
-constexpr double kSettled = 0.4;             // probability from which a vector may guide others
-constexpr double kWorthARound = 0.01;        // part of the overlap that must be unsettled for another first look
-constexpr double kLeastGain = 0.002;         // part of the overlap that a look must settle for another to follow
-constexpr double kReach = 0.005;             // how far from settled tissue the next look ventures [m]
-constexpr double kLastReach = 0.003;         // and the last
-constexpr double kCoarseDetail = 3.5;        // detail of first looks over that of the last
-constexpr double kRestSearch = 0.0015;       // what may be left of the motion after a look [m]
+constexpr double kSettled = 0.4;       // a vector of at least this probability is settled: others are guessed from it
+constexpr double kWorthARound = 0.01;  // another first look is made while more of the overlap is not settled
+constexpr double kLeastGain = 0.002;   // another look follows if the last one settled at least this part of the overlap
+constexpr double kReach = 0.005;       // the next look includes tissue up to this far from settled tissue [m]
+constexpr double kLastReach = 0.003;   // the same for the last look [m]
+constexpr double kCoarseDetail = 3.5;  // `detail` of the first looks, relative to that of the last
+constexpr double kRestSearch = 0.0015;       // largest motion that is searched after a first look [m]
 constexpr double kSmoothing = 4;             // standard deviation, of a continued flow [px]
 constexpr double kQuickResolution = 0.0004;  // of the looks that choose the channels [m]
-constexpr double kFollowed = 0.75;           // part of the overlap from which all three channels are good enough
-constexpr double kBetter = 0.02;  // part of the overlap that other channels must win to be preferred to all three
+constexpr double kFollowed = 0.75;  // if this part of the overlap settles with all three channels, no others are tried
+constexpr double kBetter = 0.02;    // other channels are preferred if they settle this much more of the overlap
 
 /// Both stages on a grid, as the flow sees them.
 struct Pair {
@@ -116,10 +116,10 @@ Slant fitSlant(const cv::Mat& flow, const cv::Mat& change, const cv::Mat& settle
   return slant;
 }
 
-/// Settled vectors, continued over all others. A brain that sags moves along one direction rather than straight down,
-/// so that where the surface's height has changed more, it has moved more sideways: where the settled vectors bear this
-/// out, the others are guessed from their own change of height, if the images then agree better than with a smooth
-/// continuation.
+/// Settled vectors, continued over all others. A brain that sags moves in one direction, which is not exactly the
+/// projection's: where its height has changed more it has also moved more sideways. If the settled vectors show this
+/// relation, the others are guessed from their own change of height, wherever the images then agree better than with a
+/// smooth continuation.
 cv::Mat continuedAlongHeight(const Pair& pair, const cv::Mat& flow, const cv::Mat& settled) {
   constexpr double kExplained = 0.5;
   constexpr int kRounds = 8;
@@ -196,7 +196,7 @@ cv::Mat refined(const cv::Mat& flow, cv::Size size, int step) {
   return step * fine;
 }
 
-/// The motion from where `guess` leads: the second image is brought near by it, and what remains is measured.
+/// The motion, starting from `guess`: the second image is warped by the guess, and the rest of the motion is measured.
 /// @param domain CV_8UC1: what of the first image may take part, or empty: all
 FlowResult look(const Pair& pair, const cv::Mat& guess, const cv::Mat& domain, bool search,
                 const ImageMatchingSettings& settings) {
@@ -209,7 +209,7 @@ FlowResult look(const Pair& pair, const cv::Mat& guess, const cv::Mat& domain, b
     return cortshift_flow::computeFlow(pair.first.pattern, pair.second.pattern, pair.first.usable, pair.second.usable,
                                        flow);
   const cv::Mat map = flowTargets(guess);
-  // A new image: assigned to one that exists, the result would overwrite the pixels of the caller's.
+  // A new image: assigning the result to an existing one would overwrite the caller's pixels.
   const cv::Mat usable = domain.empty() ? pair.first.usable : cv::Mat(pair.first.usable & domain);
   cv::Mat near, near_usable;
   cv::remap(pair.second.pattern, near, map, {}, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
@@ -266,13 +266,13 @@ FlowResult matchProjections(const Projection& earlier, const Projection& later, 
   settings.validate();
   std::string channels = settings.channels == "auto" ? "rgb" : settings.channels;
   const auto pairAt = [&](int step) {
-    // What is nearly known can be followed by finer detail than what must be found first.
+    // A motion that is nearly known is measured with finer detail than one that must be found first.
     const double detail = step > 1 ? kCoarseDetail * settings.detail : settings.detail;
     return pairOf(earlier, later, earlier_usable, later_usable, step, channels, detail);
   };
   const cv::Size size = earlier.mask.size();
   cv::Mat guess = prediction, domain;
-  // First looks are cheap on a coarser grid, and a motion that is nearly known is measured best.
+  // First looks on a coarser grid cost little, and the last look measures best when the motion is nearly known.
   int step = std::max(1, static_cast<int>(std::lround(settings.coarse_resolution / earlier.resolution)));
   if (!largeEnough(size, step)) step = 1;
   const int rounds = prediction.empty() ? settings.coarse_rounds - (step == 1 ? 1 : 0) : 0;
@@ -307,8 +307,8 @@ FlowResult matchProjections(const Projection& earlier, const Projection& later, 
   const Pair pair = pairAt(1);
   const FlowResult result = look(pair, guess, domain, rounds <= 0, settings);
   if (rounds <= 0) return result;
-  // Where the coarse grid led astray, the vectors around it lead nearer; and the domain reaches tissue that has settled
-  // since.
+  // Where the coarse grid gave a wrong start, the settled vectors around it give a better one; and the domain now
+  // includes tissue that has settled since.
   const cv::Mat settled = settledMask(pair, result);
   const double part = partOf(settled, pair);
   if (1 - part < kLeastGain) return result;

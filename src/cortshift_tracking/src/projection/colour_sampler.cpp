@@ -17,7 +17,7 @@ void catmullRom(float t, float (&w)[4]) {
 }  // namespace
 
 ColourSampler::ColourSampler(const cv::Mat& image, double step) : image_(image) {
-  if (step <= 1.5) return;  // little of what lies beyond the grid's Nyquist limit has passed the camera's own pixels
+  if (step <= 1.5) return;  // the camera's pixels have already removed most detail that is too fine for the grid
   const double sigma = 0.5 * std::sqrt(step * step - 1);
   image_ = cv::Mat();  // not blurred in place: the pixels are the caller's
   cv::GaussianBlur(image, image_, cv::Size(), sigma, sigma, cv::BORDER_REPLICATE);

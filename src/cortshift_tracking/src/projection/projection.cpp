@@ -94,7 +94,7 @@ class Rasteriser {
     const double area = abx * acy - aby * acx;  // negative: the side that the camera saw faces up
     if (area == 0) return;
     const bool folded_over = area > 0 && std::max({a[2], b[2], c[2]}) - std::min({a[2], b[2], c[2]}) > fold_tolerance_;
-    constexpr double kRounding = 1e-6;  // a grid point on the edge of two triangles must not fall between them
+    constexpr double kRounding = 1e-6;  // a grid point on the edge of two triangles must be in at least one of them
     for (int y = y0; y <= y1; ++y)
       for (int x = x0; x <= x1; ++x) {
         const double px = x - a[0], py = y - a[1];

@@ -31,7 +31,7 @@ struct Facets {
   Eigen::Vector3d along_columns = Eigen::Vector3d::Zero();
 };
 
-/// Facets a few pixels wide: their normals carry far less of the points' noise than those of single pixels.
+/// Facets that are a few pixels wide: their normals are much less noisy than those of single pixels.
 Facets facetsOf(const cv::Mat& points) {
   const int step = std::clamp(std::min(points.cols, points.rows) / 64, 1, 8);
   const double longest = kFacetEdgeRatio * step * medianSpacing(points);
@@ -103,7 +103,8 @@ ProjectionFrame fitProjectionFrame(const cortshift_stereo::Surface& surface_pmr,
     }
   const double middle = medianOf(heights);
   for (double& height : heights) height = std::abs(height - middle);
-  const double reach = 10 * medianOf(heights) + 0.005;  // a depth outlier slides far sideways along its ray
+  // An outlier in depth also lies far to the side, because it moves along its ray.
+  const double reach = 10 * medianOf(heights) + 0.005;
 
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   double low_x = kInfinity, low_y = kInfinity, high_x = -kInfinity, high_y = -kInfinity;

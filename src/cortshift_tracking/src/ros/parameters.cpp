@@ -4,22 +4,31 @@
 #include <vector>
 
 #include "cortshift_stereo/ros/parameter_reader.hpp"
+#include "cortshift_stereo/ros/parameter_writer.hpp"
 
 namespace cortshift_tracking {
 
-ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::ParameterSource& source) {
-  ShiftTrackerParameters p;
-  cortshift_stereo::ParameterReader reader(source);
+namespace {
+
+/// What the parameters give in another form than the struct holds it.
+struct Spelt {
+  std::vector<double> gravity;
+  std::string inversion = "linear";
+  int threads = 0;
+};
+
+/// Every parameter once, for reading and for writing down.
+template <typename Reader, typename Parameters>
+void each(Reader& reader, Parameters& p, Spelt& spelt) {
   reader.choice("case_folder", p.case_folder);
   reader.number("capture_timeout", p.capture_timeout, 0.1, 600.0);
   reader.number("max_surface_age", p.max_surface_age, 0.0, 3600.0);
   reader.number("max_pose_gap", p.max_pose_gap, 0.001, 10.0);
   reader.number("max_speed", p.max_speed, 0.0001, 1.0);
-  std::vector<double> gravity;
-  reader.numbers("gravity", gravity, 3);
+  reader.numbers("gravity", spelt.gravity, 3);
   reader.number("arrow_spacing", p.arrow_spacing, 0.0005, 0.05);
 
-  ShiftSettings& s = p.shift;
+  auto& s = p.shift;
   reader.number("resolution", s.frame.resolution, 0.00005, 0.001);
   reader.number("margin", s.frame.margin, 0.0, 0.02);
   reader.number("max_edge_ratio", s.projection.max_edge_ratio, 2.0, 50.0);
@@ -30,9 +39,7 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   reader.number("search", s.matching.search, 0.001, 0.05);
   reader.number("coarse_resolution", s.matching.coarse_resolution, 0.00005, 0.002);
   reader.number("coarse_rounds", s.matching.coarse_rounds, 0, 10);
-  std::string inversion = "linear";
-  reader.choice("inversion", inversion, {"linear", "nearest"});
-  s.inversion.interpolation = inversion == "linear" ? Interpolation::kLinear : Interpolation::kNearest;
+  reader.choice("inversion", spelt.inversion, {"linear", "nearest"});
   reader.number("min_confidence", s.inversion.min_confidence, 0.0, 1.0);
   reader.number("border", s.trust.border, 0.0, 0.02);
   reader.number("hole_border", s.trust.hole_border, 0.0, 0.02);
@@ -45,13 +52,31 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   reader.number("strain_window", s.strain.window, 0.0005, 0.02);
   reader.choice("exclusions", p.exclusions);
   reader.number("track_resolution", p.track_resolution, 0.00005, 0.001);
-  int threads = 0;
-  reader.number("threads", threads, 0, 64);
-  s.setThreads(threads);
-  reader.finish();
+  reader.number("threads", spelt.threads, 0, 64);
+}
 
-  if (!gravity.empty()) {
-    const Eigen::Vector3d direction(gravity[0], gravity[1], gravity[2]);
+}  // namespace
+
+std::string ShiftTrackerParameters::effective() const {
+  Spelt spelt;
+  if (gravity_pmr) spelt.gravity = {gravity_pmr->x(), gravity_pmr->y(), gravity_pmr->z()};
+  if (shift.inversion.interpolation == Interpolation::kNearest) spelt.inversion = "nearest";
+  cortshift_stereo::ParameterWriter writer;
+  each(writer, *this, spelt);
+  return writer.without({"case_folder", "threads"});  // the result does not depend on them
+}
+
+ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::ParameterSource& source) {
+  ShiftTrackerParameters p;
+  cortshift_stereo::ParameterReader reader(source);
+  Spelt spelt;
+  each(reader, p, spelt);
+  reader.finish();
+  p.shift.inversion.interpolation = spelt.inversion == "linear" ? Interpolation::kLinear : Interpolation::kNearest;
+  p.shift.setThreads(spelt.threads);
+
+  if (!spelt.gravity.empty()) {
+    const Eigen::Vector3d direction(spelt.gravity[0], spelt.gravity[1], spelt.gravity[2]);
     if (!direction.allFinite() || !(direction.norm() > 1e-6))
       throw cortshift_stereo::ParameterError(
           "parameter gravity is not a direction; give three numbers in pmr, for instance [0, -1, 0], or none");

@@ -14,7 +14,7 @@ namespace cortshift_tracking {
 namespace {
 
 constexpr double kHueWindow = 0.3;  // side over that of the other windows: colour needs fewer pixels than a pattern
-constexpr float kDarkest = 0.01F;   // colour below which a ratio says nothing
+constexpr float kDarkest = 0.01F;   // a darker colour has no meaningful ratio
 
 cv::Mat luminance(const cv::Mat& image) {
   if (image.channels() == 1) return image;
@@ -44,7 +44,7 @@ float median(const cv::Mat& values, const cv::Mat& weight) {
   return *middle;
 }
 
-/// The lamp's colour and the camera's balance may have changed, but then they changed everywhere.
+/// A change of the lamp's colour or of the camera's white balance is the same everywhere: it is subtracted.
 cv::Mat hueChange(const cv::Mat& first, const cv::Mat& second, const WindowMean& window) {
   const std::vector<cv::Mat> before = logRatios(first, window), after = logRatios(second, window);
   cv::Mat squares = cv::Mat::zeros(first.size(), CV_32FC1), change;
@@ -110,7 +110,7 @@ Agreement agreementOf(const Seen& first, const Seen& second, const cv::Mat& flow
       const float va = std::max(0.0F, mean_aa.at<float>(row, column) - ma * ma),
                   vb = std::max(0.0F, mean_bb.at<float>(row, column) - mb * mb),
                   cross = mean_ab.at<float>(row, column) - ma * mb;
-      // The noise in the denominator lets the correlation fade where there is little texture to correlate.
+      // The noise in the denominator makes the correlation small where there is little texture.
       agreement.correlation.at<float>(row, column) = cross / std::sqrt((va + noise) * (vb + noise));
       agreement.residual.at<float>(row, column) = std::sqrt(std::max(0.0F, va + vb - 2 * cross));
     }
@@ -121,7 +121,7 @@ Agreement agreementOf(const Seen& first, const Seen& second, const cv::Mat& flow
 // and the theatre were not among them. Logarithms are cut off where the fit had no data.
 
 float probabilityOfMatch(const MatchEvidence& evidence) {
-  if (!std::isfinite(evidence.flow_error)) return 0;  // the flow itself knows nothing there
+  if (!std::isfinite(evidence.flow_error)) return 0;  // there is no flow to judge
   return logistic(-21.91F - 0.6251F * logWithin(evidence.flow_error, 3e-6F, 1e-3F) + 4.531F * evidence.correlation -
                   0.7433F * logWithin(evidence.residual, 0.002F, 0.2F) -
                   0.4316F * logWithin(evidence.hue, 0.01F, 1.0F) - 1.054F * logWithin(evidence.bend, 5e-6F, 5e-4F));

@@ -23,7 +23,7 @@ cv::Mat disc(double radius) {
 
 /// The mask without its holes: those that are nowhere as wide as `width` [px], or all where no width is given.
 cv::Mat fillHolesOf(const cv::Mat& mask, double width = std::numeric_limits<double>::infinity()) {
-  cv::Mat framed;  // one pixel of outside all around joins everything that is not a hole
+  cv::Mat framed;  // a frame of one pixel outside connects everything that is not a hole
   cv::copyMakeBorder(mask, framed, 1, 1, 1, 1, cv::BORDER_CONSTANT, 0);
   cv::Mat labels, to_mask;
   const cv::Mat empty = framed == 0;
@@ -88,8 +88,9 @@ cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later,
   return probability;
 }
 
-/// Takes the confidence from patches of probable vectors that are smaller than four of the windows in which the images
-/// were compared or nowhere as wide as one: amid vectors that are probably wrong, a few that seem right are chance.
+/// Sets the confidence to 0 in small patches of vectors that seem right: smaller than four of the windows in which the
+/// images were compared, or narrower than one everywhere. Among vectors that are probably wrong, a few seem right by
+/// chance.
 void dropIslands(cv::Mat& confidence, double window) {
   constexpr double kProbable = 0.5;
   const cv::Mat probable = confidence >= kProbable;

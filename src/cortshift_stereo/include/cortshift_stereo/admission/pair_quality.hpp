@@ -1,26 +1,15 @@
-// Checks at the door: pairs that cannot give a surface are refused with a reason a person can act on.
+// Checks before reconstruction: pairs that cannot give a surface are refused with a reason a person can act on.
 #pragma once
 
 #include <opencv2/core.hpp>
 #include <optional>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "cortshift_stereo/admission/row_agreement.hpp"
+#include "cortshift_stereo/admission/verdict.hpp"
 
 namespace cortshift_stereo {
-
-/// A pair that is not reconstructed. `reason` is a short fixed word for counting; what() says what is wrong and what
-/// to do about it.
-class PairError : public std::runtime_error {
- public:
-  PairError(const std::string& reason, const std::string& message) : std::runtime_error(message), reason_(reason) {}
-  const std::string& reason() const { return reason_; }
-
- private:
-  std::string reason_;
-};
 
 /// Limits of the checks. Each default is written here and nowhere else.
 struct PairLimits {
@@ -45,27 +34,25 @@ struct ImageQuality {
 /// @param image  CV_8UC3
 ImageQuality measureImage(const cv::Mat& image);
 
-/// @throws PairError blank, saturated or defocused, naming the side
-void checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side);
+/// Blank, saturated or defocused, naming the side.
+Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side);
 
-/// What is known of the rows of a pair that is not refused.
+/// What the rows of a pair say: swapped, no_match or epipolar where they refuse it.
 struct RowVerdict {
-  std::optional<cv::Vec3d> turn;  ///< a turn of the right camera that is worth taking out: see Rectifier::withRightTurned
+  Findings findings;
+  std::optional<cv::Vec3d> turn;  ///< [rad] of the right camera, worth taking out: see Rectifier::withRightTurned
 };
 
 /// Refuses a pair whose rows say that it is none or that its calibration is void; a turn that is smaller is to be taken
-/// out. A limit counts as passed only where chance (kSureSds standard errors) does not explain it.
-/// @throws PairError swapped, no_match or epipolar
+/// out. A limit counts as passed only where chance (four standard errors) does not explain it.
 RowVerdict judgeRows(const RowAgreement& rows, const PairLimits& limits);
 
-/// Refuses a pair of which one image is blurred against the other.
-/// @throws PairError defocused, naming the side
-void checkAlikeSharp(const ImageQuality& left, const ImageQuality& right, const PairLimits& limits);
+/// Refuses a pair of which one image is blurred against the other, naming the side.
+Findings checkAlikeSharp(const ImageQuality& left, const ImageQuality& right, const PairLimits& limits);
 
-/// What a person should know of a pair whose right camera was turned by `taken` [rad].
-/// @param depth  [m] of the surface
-/// @param baseline  [m]; @param focal  [px] of the rectified right image
-std::vector<std::string> warningsOfRows(const RowAgreement& rows, const cv::Vec3d& taken, double baseline, double depth,
-                                        double focal);
+/// Warns of a turn of the right camera that was taken out, and of one that rows tell but little of.
+/// @param taken  [rad]
+/// @param depth  [m] of the surface: a turn about the vertical axis by w changes it by depth^2 w / baseline
+Findings warningsOfRows(const RowAgreement& rows, const cv::Vec3d& taken, const StereoModel& model, double depth);
 
 }  // namespace cortshift_stereo

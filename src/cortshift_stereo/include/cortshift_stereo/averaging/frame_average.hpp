@@ -16,9 +16,9 @@ struct Frame {
   cv::Mat confidence;  ///< CV_32FC1
 };
 
-/// Robust mean per pixel of frames that one calibration and one pose hold for: the mean of the disparities near their
-/// median, where at least half of the frames have one. The confidence follows from what the single ones promise and
-/// from how much they spread.
+/// Robust mean per pixel of frames of one calibration and one pose: the mean of the disparities near their median,
+/// where at least half of the frames have one. The confidence follows from the confidences of the frames and from how
+/// much their disparities differ.
 /// @param frames  at least one, of one size
 /// @returns disparity and surface (raw left camera frame); quality and seconds are left alone
 ReconstructionResult averageFrames(const std::vector<Frame>& frames, const StereoModel& model);

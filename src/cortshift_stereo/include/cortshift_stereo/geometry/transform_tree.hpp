@@ -19,7 +19,8 @@ class PoseError : public std::runtime_error {
     kNotConnected,  ///< both frames are known, but there is no chain between them
     kGapBefore,     ///< the nearest sample before the instant is too far away, or there is none
     kGapAfter,      ///< the same after it
-    kNotRigid       ///< a sample beside the instant is not a finite rigid transform
+    kNotRigid,      ///< a sample beside the instant is not a finite rigid transform
+    kTwoSources     ///< an edge is fixed and moving, and the two contradict each other
   };
 
   PoseError(Reason reason, bool may_heal, const std::string& message)
@@ -32,6 +33,19 @@ class PoseError : public std::runtime_error {
  private:
   Reason reason_;
   bool may_heal_;
+};
+
+/// T_parent_child of a moving edge as it was measured.
+struct EdgeSample {
+  int64_t stamp_ns;
+  Eigen::Isometry3d T_parent_child;
+};
+
+/// A moving edge on the way from one frame to another, and what was measured of it around an instant.
+struct MovingEdge {
+  std::string parent, child;
+  std::vector<EdgeSample> samples;   ///< in the order of their stamps
+  Eigen::Isometry3d T_child_source;  ///< at the instant
 };
 
 /// Frames joined by fixed edges (calibration) and by moving ones (a tracker's samples).
@@ -59,6 +73,11 @@ class TransformTree {
   /// @throws PoseError
   Eigen::Isometry3d lookup(const std::string& target, const std::string& source, int64_t stamp_ns) const;
 
+  /// The moving edges between the two frames with their samples within `half_window_ns` of the instant.
+  /// @throws PoseError as lookup
+  std::vector<MovingEdge> movingEdges(const std::string& target, const std::string& source, int64_t stamp_ns,
+                                      int64_t half_window_ns) const;
+
   /// Forgets all samples; fixed edges stay, as a latched message that carried them comes only once.
   void forgetSamples();
 
@@ -84,6 +103,7 @@ class TransformTree {
   std::vector<std::string> chainToRoot(const std::string& frame) const;
   const std::string* parentOf(const std::string& frame) const;
   Link evaluate(const std::string& child, int64_t stamp_ns) const;
+  void refuseSecondSource(const std::string& child, const Edge& edge, int64_t stamp_ns) const;
 
   int64_t max_gap_ns_;
   int64_t history_ns_;

@@ -32,6 +32,9 @@ struct SurfaceReconstructionParameters {
   /// Empty where it is not known.
   std::optional<MicroscopeSetting> referenceSetting() const;
 
+  /// All of them as text, equal where they are equal; see ParameterWriter.
+  std::string effective() const;
+
   /// @throws ParameterError
   static SurfaceReconstructionParameters load(const ParameterSource& source);
 };

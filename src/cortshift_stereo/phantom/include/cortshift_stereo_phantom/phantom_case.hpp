@@ -28,12 +28,12 @@ struct OutlineSettings {
 
 /// A photograph in the place of the painted cortex.
 struct PictureSettings {
-  std::string file;                 ///< any format that OpenCV reads; relative to the folder of the case file
-  double width = 0.072;             ///< that the picture's width is spread over; mirrored beyond its edges [m]
-  Eigen::Vector2d centre{0, 0};     ///< material coordinates of its middle [m]
-  double turn = 0;                  ///< from material x to the picture's rows [rad]
-  double gain = 1;                  ///< of its values
-  double contrast = 1;              ///< of its detail about its mean colour: below 1 for weak texture
+  std::string file;              ///< any format that OpenCV reads; relative to the folder of the case file
+  double width = 0.072;          ///< that the picture's width is spread over; mirrored beyond its edges [m]
+  Eigen::Vector2d centre{0, 0};  ///< material coordinates of its middle [m]
+  double turn = 0;               ///< from material x to the picture's rows [rad]
+  double gain = 1;               ///< of its values
+  double contrast = 1;           ///< of its detail about its mean colour: below 1 for weak texture
 };
 
 /// The undeformed head. Material coordinates (x, y) [m] are those of the plane z = 0 of the brain frame, whose z axis
@@ -44,9 +44,9 @@ struct HeadSettings {
   double sulcus_depth = 0.0012;  ///< [m]
   double vein_diameter = 0.002;  ///< of the largest vessels [m]
   OutlineSettings craniotomy;
-  double window_width = 0.018;  ///< displacement falls from full to 0 at the rim over this width [m]
-  double bone_height = 0.003;   ///< of the bone above the brain at the rim [m]
-  double bevel_width = 0.004;   ///< over which the bone rises [m]
+  double window_width = 0.018;             ///< displacement falls from full to 0 at the rim over this width [m]
+  double bone_height = 0.003;              ///< of the bone above the brain at the rim [m]
+  double bevel_width = 0.004;              ///< over which the bone rises [m]
   std::optional<PictureSettings> picture;  ///< nothing: painted cortex
 };
 
@@ -80,8 +80,8 @@ struct CameraSettings {
   std::optional<ZoomSettings> zoom;  ///< nothing: the stages' settings are reported, but nothing changes in the images
 };
 
-/// A rippled film of water on the brain, in which the lamp is mirrored: the glints lie where the film's normal halves the
-/// angle between lamp and eye, elsewhere for each camera and each place of the microscope.
+/// A rippled film of water on the brain, in which the lamp is mirrored: the glints lie where the film's normal halves
+/// the angle between lamp and eye, elsewhere for each camera and each place of the microscope.
 struct FilmSettings {
   double strength = 4;        ///< of the lamp's mirror image, of full scale: above 1 saturates
   double slope = 0.08;        ///< root mean square slope of the ripples
@@ -121,13 +121,14 @@ struct ImageSettings {
   ResponseSettings left, right;
 };
 
-/// The brain rises and falls between the pairs: along the brain's z, inside the window, as DeformationSettings::outward.
+/// The brain rises and falls between the pairs: along the brain's z, inside the window, as
+/// DeformationSettings::outward.
 struct MotionSettings {
-  double pulsation = 0;        ///< amplitude [m]; 0.0003 is a brain's
-  double pulsation_rate = 1.2; ///< [Hz]
-  double breathing = 0;        ///< amplitude [m]
+  double pulsation = 0;          ///< amplitude [m]; 0.0003 is a brain's
+  double pulsation_rate = 1.2;   ///< [Hz]
+  double breathing = 0;          ///< amplitude [m]
   double breathing_rate = 0.25;  ///< [Hz]
-  double pair_interval = 0.1;  ///< between two exposures [s]
+  double pair_interval = 0.1;    ///< between two exposures [s]
 
   /// At the exposure of pair `frame` [m], in steps of 20 um so that few states are rendered.
   double outwardAt(std::uint64_t frame) const;

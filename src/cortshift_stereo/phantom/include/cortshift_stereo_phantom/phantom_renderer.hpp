@@ -28,8 +28,9 @@ ViewTruth truthOf(const PhantomScene& scene, int stage, const View& view);
 /// @param depth  if wanted, CV_32FC1: camera depth [m] through the middle of each pixel, NaN where nothing is seen
 cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int supersampling, cv::Mat* depth = nullptr);
 
-/// Light on the sensor of one camera, CV_32FC3: renderView() through the lens (depth of field, blur), times the camera's
-/// gains. The blur belongs to the depth of the pixel that receives it: exact but for a few pixels beside depth edges.
+/// Light on the sensor of one camera, CV_32FC3: renderView() through the lens (depth of field, blur), times the
+/// camera's gains. The blur belongs to the depth of the pixel that receives it: exact but for a few pixels beside depth
+/// edges.
 /// @param moved  of a camera that stands otherwise than it should, in its own frame: turned since its calibration, or
 ///               carried on since the other camera's exposure
 cv::Mat sensorLight(const PhantomScene& scene, int stage, Side side,

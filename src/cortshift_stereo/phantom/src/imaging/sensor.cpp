@@ -39,7 +39,8 @@ Sensor::Sensor(const ImageSettings& settings) : settings_(settings) {
     const double radius = std::sqrt(-2 * std::log(1 - random.uniform())), angle = 6.283185307179586 * random.uniform();
     for (const std::size_t k : {std::size_t{0}, std::size_t{1}}) {
       const double deviate = radius * (k == 0 ? std::cos(angle) : std::sin(angle));
-      table_[i + k] = static_cast<std::int16_t>(std::lround(std::clamp(deviate * most * 255 * kSubLevels, -15e3, 15e3)));
+      table_[i + k] =
+          static_cast<std::int16_t>(std::lround(std::clamp(deviate * most * 255 * kSubLevels, -15e3, 15e3)));
     }
   }
   std::copy(table_.begin(), table_.begin() + kLongestRow, table_.begin() + kTableSize);
@@ -68,8 +69,8 @@ void Sensor::addNoise(const cv::Mat& prepared, cv::Mat& image, std::uint64_t fra
     for (int i = 0; i < values; ++i) {
       int deviation = noise != nullptr ? noise[i] : 0;
       if (!noise_of_level_.empty())
-        deviation = static_cast<int>(std::lround(
-            static_cast<float>(deviation) * noise_of_level_[static_cast<std::size_t>(in[i] / kSubLevels)]));
+        deviation = static_cast<int>(
+            std::lround(static_cast<float>(deviation) * noise_of_level_[static_cast<std::size_t>(in[i] / kSubLevels)]));
       const int level = (in[i] + deviation + black + kSubLevels / 2) >> 6;
       out[i] = static_cast<uchar>(std::clamp(level, 0, 255));
     }

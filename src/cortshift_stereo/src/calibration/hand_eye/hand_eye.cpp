@@ -25,7 +25,7 @@ const Method kMethods[] = {{"Tsai", cv::CALIB_HAND_EYE_TSAI},
                            {"Daniilidis", cv::CALIB_HAND_EYE_DANIILIDIS}};
 constexpr double kOutlierFloorPx = 1.0;    // fit of a board to its corners; no view below is called an outlier
 constexpr double kGrossFloor = 1e-3;       // [m] where a view puts the board
-constexpr double kGrossTimes = 5;          // good views reach three times the median by tracker noise alone
+constexpr double kGrossTimes = 5;          // tracker noise alone brings good views to three times the median
 constexpr double kOutlierFloorSigmas = 5;  // correction of a tracked pose
 constexpr double kLargestMisfit = 5;       // corrections may be this many times what the tracker's accuracy explains
 constexpr double kDegrees = 180 / CV_PI;
@@ -166,7 +166,7 @@ std::vector<std::size_t> suspects(const std::vector<cv::Point3d>& board, const s
   return order;
 }
 
-/// Leave suspects out in turn: one that spoils the closed-form solution stands out against the solution without it.
+/// Leaves each suspect out in turn: a view that spoils the solution differs clearly from the solution without it.
 bool rejectWorstPose(const std::vector<cv::Point3d>& board, std::vector<LocatedView>& views,
                      std::vector<RejectedView>& rejected) {
   double best = std::numeric_limits<double>::infinity();

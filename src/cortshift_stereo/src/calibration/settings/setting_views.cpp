@@ -30,7 +30,8 @@ SettingViews findSettingViews(const SettingsManifest& manifest, const std::funct
         found.rejected.push_back({path, "the whole " + board.board.name() + " board is not seen"});
         return;
       }
-      // Nothing turns between settings, so the board's first row ends where it ended at the reference.
+      // The board does not turn between settings: of its two possible orders the one like that at the reference is
+      // taken.
       if ((corners->back() - corners->front()).dot(reference.back() - reference.front()) < 0)
         corners = upsideDown(*corners);
       views.push_back({path, setting, *corners, reference});

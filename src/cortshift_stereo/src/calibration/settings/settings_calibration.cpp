@@ -18,7 +18,7 @@ constexpr int kHighestImageDegree = 5;
 constexpr int kHighestSettingDegree = 4;
 constexpr double kOutlierFloorPx = 0.5;
 constexpr double kWorthATerm = 1.02;  // a simpler field may be this much worse on held-out settings
-constexpr double kRidge = 1e-9;       // of the normal equations of orthonormal terms: holds what no view determines
+constexpr double kRidge = 1e-9;       // added to the normal equations: terms that no view determines stay 0
 
 /// How many terms a field has.
 struct Degrees {
@@ -50,7 +50,7 @@ Eigen::MatrixXd terms(const std::vector<cv::Point2d>& points, const std::vector<
   return matrix;
 }
 
-/// The matrix that turns the terms into ones that are orthonormal over the points, for the sake of the arithmetic.
+/// The matrix that makes the terms orthonormal over the points, so that the equations are well conditioned.
 Eigen::MatrixXd orthonormaliser(const Eigen::MatrixXd& values) {
   const Eigen::LLT<Eigen::MatrixXd> cholesky(values.transpose() * values);
   return cholesky.matrixU().solve(Eigen::MatrixXd::Identity(values.cols(), values.cols()));

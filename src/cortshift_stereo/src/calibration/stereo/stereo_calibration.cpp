@@ -310,9 +310,9 @@ class Screening {
     return true;
   }
 
-  /// Boards that all face the camera leave its focal length open. The deviations that OpenCV reports do not show it:
-  /// at 1 degree of tilt they say 0.01 % where the focal length is wrong by a factor of three; at 10 degrees both are
-  /// 0.4 %.
+  /// Boards that all face the camera do not determine its focal length. The deviations that OpenCV reports do not show
+  /// it: at 1 degree of tilt they say 0.01 % where the focal length is wrong by a factor of three; at 10 degrees both
+  /// are 0.4 %.
   void requireTilt() const {
     const auto [left, right] = singleCameras();
     for (const auto* camera : {&left, &right}) {

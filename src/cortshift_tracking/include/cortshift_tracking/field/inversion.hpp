@@ -10,7 +10,7 @@
 namespace cortshift_tracking {
 
 enum class Interpolation {
-  kLinear,  ///< on the very triangle of the later surface
+  kLinear,  ///< height on the triangle of the later surface at that place
   kNearest  ///< height of the nearest grid point, the paper's fast option (Discussion)
 };
 

@@ -17,7 +17,7 @@ struct ImageMatchingSettings {
   double bend = 20;       ///< expected second derivative of the displacement along the surface [1/m], 0.01 ... 1000
   double search = 0.007;  ///< largest motion within the plane that is looked for [m], 0.001 ... 0.05
   double coarse_resolution = 0.0002;  ///< grid of the first looks [m]; none where the grid itself is as coarse
-  int coarse_rounds = 8;              ///< first looks at most, each from the sure vectors of the one before, 0 ... 10
+  int coarse_rounds = 8;              ///< most first looks, each from the certain vectors of the one before, 0 ... 10
   cortshift_flow::FlowSettings flow;  ///< its curvature and search range follow from `bend` and `search`
 
   /// @throws TrackingError naming the setting, its value and what is allowed.
@@ -33,7 +33,8 @@ struct ImageMatchingSettings {
 /// @return CV_32F with one or three channels, 0...1, about 0.5 on average
 cv::Mat flowImage(const cv::Mat& colour, const cv::Mat& usable, const std::string& channels, double detail);
 
-/// The channels that most of the overlap can be followed in: a quick flow in each decides; rgb where none is better.
+/// The channels with which the largest part of the overlap can be matched, by a quick flow in each; rgb if none is
+/// better.
 std::string chooseChannels(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
                            const cv::Mat& later_usable, const ImageMatchingSettings& settings = {});
 
@@ -44,7 +45,7 @@ cortshift_flow::FlowResult matchProjections(const Projection& earlier, const Pro
                                             const cv::Mat& earlier_usable, const cv::Mat& later_usable,
                                             const ImageMatchingSettings& settings = {}, const cv::Mat& prediction = {});
 
-/// The sure vectors of a flow, continued smoothly over all others: what a next look can start from.
+/// The certain vectors of a flow, continued smoothly over all others: a start for the next flow.
 /// @param confidence CV_32FC1 0...1, see combineConfidence
 cv::Mat predictionOf(const cv::Mat& flow, const cv::Mat& confidence);
 

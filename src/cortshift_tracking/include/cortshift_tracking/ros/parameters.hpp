@@ -22,6 +22,9 @@ struct ShiftTrackerParameters {
   double track_resolution = 0.0002;            ///< of the projection in live mode [m], 0.00005 ... 0.001
   ShiftSettings shift;
 
+  /// All that the result depends on as text, equal where they are equal; see cortshift_stereo::ParameterWriter.
+  std::string effective() const;
+
   /// @throws cortshift_stereo::ParameterError naming key, value and what is allowed
   static ShiftTrackerParameters load(const cortshift_stereo::ParameterSource& source);
 };

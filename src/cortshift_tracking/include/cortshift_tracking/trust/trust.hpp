@@ -9,9 +9,9 @@
 namespace cortshift_tracking {
 
 struct TrustSettings {
-  double border = 0.002;         ///< eroded from the border of what both stages show [m], 0 ... 0.02
-  double hole_border = 0.0;      ///< eroded around large holes within [m], 0 ... 0.02
-  double glare = 0.97;           ///< darkest channel above which a pixel is a highlight, 0.5 ... 1
+  double border = 0.002;     ///< vectors nearer to the border of what both stages show are not reported [m], 0 ... 0.02
+  double hole_border = 0.0;  ///< the same around large holes inside it [m], 0 ... 0.02
+  double glare = 0.97;       ///< darkest channel above which a pixel is a highlight, 0.5 ... 1
   double glare_margin = 0.0004;  ///< around a highlight [m], 0 ... 0.01
   AgreementSettings agreement;
 
@@ -30,9 +30,9 @@ cv::Mat erodeBorder(const cv::Mat& mask, double border, double hole_border);
 /// Part of the earlier surface's projected area that the later surface covers too, 0...1 (0 if there is no area).
 double overlapOf(const Projection& earlier, const Projection& later);
 
-/// Everything that speaks about trust in one number: CV_32FC1 0...1 over the earlier image, the probability that a
-/// vector is right to 0.25 mm: probabilityOfMatch times probabilityOfHeight; 0 where the start or the end of a vector
-/// is not usable or too near to the border, and in patches smaller than four windows in which the images are compared.
+/// The confidence: CV_32FC1 0...1 over the earlier image, the probability that a vector is right to 0.25 mm:
+/// probabilityOfMatch times probabilityOfHeight; 0 where the start or the end of a vector is not usable or too near to
+/// the border, and in patches smaller than four windows in which the images are compared.
 /// @param flow_confidence CV_32FC1 0...1, of the image matching
 cv::Mat combineConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
                           const cv::Mat& flow_confidence, const cv::Mat& earlier_usable, const cv::Mat& later_usable,

@@ -79,9 +79,8 @@ class SettingsWarp {
   /// Carry a map into the reference image on into the image at a setting, so that one cv::remap does both.
   ///
   /// @param map_to_reference  CV_32FC2: for each pixel of the result its place in the raw reference image [px]
-  /// @return CV_32FC2 of the same size: its place in the raw image at the setting [px]; (-1, -1), which cv::remap with
-  /// a
-  ///         constant border fills, outside the calibrated part of the image
+  /// @return CV_32FC2 of the same size: its place in the raw image at the setting [px]; outside the calibrated part of
+  ///         the image (-1, -1), which cv::remap fills with its constant border
   /// @throws SettingNotCalibrated; std::invalid_argument if the map has another type
   cv::Mat compose(const cv::Mat& map_to_reference, const MicroscopeSetting& setting) const;
 

@@ -1,0 +1,41 @@
+// What the samples of a tracker around an exposure say about the pose that is taken from them.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "cortshift_stereo/admission/limits.hpp"
+#include "cortshift_stereo/admission/verdict.hpp"
+#include "cortshift_stereo/geometry/transform_tree.hpp"
+
+namespace cortshift_stereo {
+
+/// How one moving edge behaves, where the camera looks. Steady motion does not count: each sample is compared with
+/// what the samples on either side of it lead to expect.
+struct EdgeTremble {
+  double jitter = 0;        ///< [m] root mean square deviation of a sample
+  double middle = 0;        ///< [m] median deviation
+  double worst = 0;         ///< [m] largest deviation
+  double next = 0;          ///< [m] median distance of neighbouring samples
+  double next_but_one = 0;  ///< [m] the same, leaving out one in between
+};
+
+/// @param working_distance  [m] along the optical axis of the camera, which is the frame of T_child_source
+/// Zero where there are fewer than 5 samples.
+EdgeTremble trembleOf(const MovingEdge& edge, double working_distance = 0.3);
+
+/// Two publishers of one edge in turn.
+Findings checkPublishers(const MovingEdge& edge, const EdgeTremble& tremble);
+
+/// Samples that tremble more than the tracker is known for, or one of them that jumps.
+Findings checkJitter(const MovingEdge& edge, const EdgeTremble& tremble, const PoseLimits& limits);
+
+/// A tracker that trembles, and then says bit by bit what it said before: it repeats itself and does not measure.
+/// @param edge  with samples from well before the exposure
+Findings checkRepetition(const MovingEdge& edge, int64_t stamp_ns);
+
+/// All of the above for every moving edge between the two frames. @throws PoseError as TransformTree::lookup
+Findings checkPoses(const TransformTree& tree, const std::string& target, const std::string& source, int64_t stamp_ns,
+                    const PoseLimits& limits);
+
+}  // namespace cortshift_stereo
