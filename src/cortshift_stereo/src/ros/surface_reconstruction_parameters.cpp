@@ -37,6 +37,8 @@ void each(Reader& reader, Parameters& p) {
   reader.number("max_deviation", r.max_deviation, 0.01, 10.0);
   reader.number("min_coverage", r.limits.min_coverage, 0.0, 1.0);
   reader.number("max_epipolar_residual", r.limits.max_epipolar_residual, 0.05, 100.0);
+  reader.number("max_misalignment", r.limits.max_misalignment, 0.0, 20.0);
+  reader.number("max_sharpness_ratio", r.limits.max_sharpness_ratio, 1.0, 100.0);
   reader.number("max_saturated_share", r.limits.max_saturated_share, 0.0, 1.0);
   reader.number("min_contrast", r.limits.min_contrast, 0.0, 128.0);
   reader.number("min_sharpness", r.limits.min_sharpness, 0.0, 10.0);
