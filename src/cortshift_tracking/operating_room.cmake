@@ -7,6 +7,6 @@ if(CATKIN_ENABLE_TESTING)
     add_rostest(test/${test}.test DEPENDENCIES shift_tracker field_error)
   endforeach()
   catkin_run_tests_target("pytest" operating_room "pytest-operating_room.xml"
-    COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-operating_room.xml test/theatre/preflight_test.py"
+    COMMAND "${PYTHON_EXECUTABLE} -m pytest -q -p no:cacheprovider --junit-xml=${CATKIN_TEST_RESULTS_DIR}/${PROJECT_NAME}/pytest-operating_room.xml test/theatre/preflight_test.py test/console/console_state_test.py"
     WORKING_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
 endif()

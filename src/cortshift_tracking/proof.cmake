@@ -3,7 +3,7 @@ catkin_python_setup()
 catkin_install_python(PROGRAMS scripts/case_report scripts/digital_phantom scripts/probe scripts/register_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
-  set(PROOF_TESTS mr/mr mr/cross_section digital_phantom probe/probe report/validation report/report mr/phantom_mr)
+  set(PROOF_TESTS mr/mr mr/dicom mr/admission mr/cross_section digital_phantom probe/probe report/validation report/left_out report/report mr/phantom_mr)
   list(TRANSFORM PROOF_TESTS REPLACE "(.+)" "test/\\1_test.py")
   list(JOIN PROOF_TESTS " " PROOF_TESTS)
   catkin_run_tests_target("pytest" proof "pytest-proof.xml"

@@ -55,9 +55,9 @@ ROOMS = {
 BORDER = {'stereo/ros', 'stereo/nodes', 'tracking/ros', 'tracking/nodes', 'tracking/case', 'tracking/offline'}
 
 PYTHON_ROOMS = {
-    'top': {'mr'},
+    'top': set(),
     'case': {'top', 'probe'},
-    'probe': {'top', 'case'},
+    'probe': {'top'},
     'mr': {'top', 'case'},
     'report': {'top', 'case', 'mr', 'probe'},
     'cohort': {'top', 'case', 'report'},

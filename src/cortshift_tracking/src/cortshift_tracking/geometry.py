@@ -1,10 +1,31 @@
-"""Geometry of organised surfaces: normals and the local frame of the projection (paper 2.5)."""
+"""Geometry of organised surfaces: spacing, triangles, normals, and the local frame of the projection (paper 2.5)."""
 from dataclasses import dataclass
 
 import numpy as np
 
-from cortshift_tracking.mr.cross_section import median_spacing
 from cortshift_tracking.errors import CaseError
+
+
+LEAST_POINTS = 100  # of a surface: fewer do not say which way it faces
+
+
+def median_spacing(points):
+    """Median distance of neighbouring valid points of an organised surface (H, W, 3), in its unit; NaN if none."""
+    lengths = [np.linalg.norm(np.diff(points, axis=axis), axis=-1).ravel() for axis in (0, 1)]
+    lengths = np.concatenate(lengths)
+    lengths = lengths[np.isfinite(lengths)]
+    return float(np.median(lengths)) if len(lengths) else float('nan')
+
+
+def triangles(points, max_edge):
+    """Indices (N, 3) into points.reshape(-1, 3) of the triangles of an organised surface; longer edges are steps, cut."""
+    height, width = points.shape[:2]
+    index = np.arange(height * width).reshape(height, width)
+    a, b, c, d = (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:])
+    corners = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([d, c, b], -1).reshape(-1, 3)])
+    p = points.reshape(-1, 3)[corners]
+    edges = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=-1)
+    return corners[(edges <= max_edge).all(1)]  # NaN compares false
 
 
 def normals(points, stride=1):
@@ -46,7 +67,7 @@ def local_frame(points):
     facet = np.cross(down, along)
     with np.errstate(invalid='ignore'):
         good = (np.linalg.norm(along, axis=-1) < max_edge) & (np.linalg.norm(down, axis=-1) < max_edge)
-    if good.sum() < 100:
+    if good.sum() < LEAST_POINTS:
         raise CaseError(f'the surface has only {int(good.sum())} connected points; capture the stage again')
     z = facet[good].sum(0)
     z /= np.linalg.norm(z)

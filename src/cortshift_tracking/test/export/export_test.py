@@ -163,7 +163,7 @@ def test_tool(tmp_path):
     assert 'no format ends with ".xyz"' in said
     (tmp_path / 'no.bag').write_bytes(b'nonsense')
     _, said = run_tool('export_field', tmp_path / 'no.bag', outputs[0], status=1)
-    assert 'not a readable bag' in said
+    assert 'damaged, or not a bag' in said
 
 
 def test_unknown_ending(tmp_path):

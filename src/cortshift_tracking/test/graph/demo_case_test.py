@@ -17,7 +17,9 @@ import rostest
 import yaml
 from cortshift_tracking.case.folder import read_case
 from cortshift_tracking.case.messages import field_from_message
-from cortshift_tracking.report.validation import compare_pair, read_picks, surface_accuracy, table_2, table_3
+from cortshift_tracking.report.picks import read_picks
+from cortshift_tracking.report.tables import table_2, table_3
+from cortshift_tracking.report.validation import compare_pair, surface_accuracy
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 from graph import ShiftTracker  # noqa: E402

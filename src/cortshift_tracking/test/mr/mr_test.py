@@ -8,7 +8,10 @@ import numpy as np
 import pydicom
 import pytest
 from cortshift_tracking.errors import VolumeError
-from cortshift_tracking.mr.reader import load_dicom, load_nifti, load_volume, save_nifti
+from cortshift_tracking.mr import load_volume
+from cortshift_tracking.mr.dicom import load_dicom
+from cortshift_tracking.mr.nifti import load_nifti
+from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
 
 CH2 = '/usr/share/mricron/templates/ch2.nii.gz'     # Debian's mricron-data: a real T1 of one head
@@ -91,6 +94,24 @@ def test_units_of_the_header_count(tmp_path):
     assert np.allclose(a.T_pmr_voxel, b.T_pmr_voxel, atol=1e-8)
 
 
+@pytest.mark.parametrize('unit, per_mm', [('meter', 1e-3), ('micron', 1e3)])
+def test_forms_are_compared_in_the_unit_of_the_header(tmp_path, unit, per_mm):
+    path = tmp_path / 'a.nii'
+    for apart_mm in (50.0, 0.0005):
+        sform, qform = OBLIQUE.copy(), OBLIQUE.copy()
+        qform[0, 3] += apart_mm
+        image = nibabel.Nifti1Image(landmark_array(), None)
+        image.header.set_xyzt_units(unit)
+        image.set_sform(np.diag([per_mm] * 3 + [1]) @ sform, code=1)
+        image.set_qform(np.diag([per_mm] * 3 + [1]) @ qform, code=1)
+        nibabel.save(image, path)
+        if apart_mm > 1:
+            with pytest.raises(VolumeError, match='place voxels up to 50.0 mm apart'):
+                load_volume(str(path))
+        else:
+            assert np.allclose(load_volume(str(path)).spacing, [0.0009, 0.0011, 0.0017], atol=1e-6)
+
+
 def test_round_trip_of_points_and_files(tmp_path):
     volume = load_nifti(nifti(tmp_path / 'a.nii', OBLIQUE), axes='LPS')
     voxels = np.random.default_rng(1).uniform(0, 19, (50, 3))
@@ -132,11 +153,11 @@ def test_dicom_series_lies_where_the_same_nifti_lies(tmp_path):
 # ---- real files
 
 def test_real_head_from_nifti():
-    volume = load_volume(CH2)
+    volume = load_volume(CH2, template_space=True)
     assert volume.data.shape == (181, 217, 181) and volume.orientation == 'RAS'
     assert np.allclose(volume.spacing, 0.001)
     assert any('no unit' in note for note in volume.notes)
-    labels = load_volume(AAL)
+    labels = load_volume(AAL, template_space=True)
     right_amygdala, left_amygdala = labels.data == 42, labels.data == 41
     centre = [labels.to_pmr(np.argwhere(mask)).mean(0) for mask in (right_amygdala, left_amygdala)]
     assert centre[0][0] > 0.015 and centre[1][0] < -0.015      # RAS: right is +x
@@ -195,7 +216,7 @@ def test_disagreeing_forms_are_refused_until_one_is_named(tmp_path):
     image.header.set_xyzt_units('mm')
     moved = OBLIQUE.copy()
     moved[0, 3] += 3
-    image.set_sform(moved, code=4)
+    image.set_sform(moved, code=2)
     image.set_qform(OBLIQUE, code=1)
     nibabel.save(image, path)
     with pytest.raises(VolumeError, match='3.0 mm apart'):

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cortshift_tracking.case.folder import immobile_misalignment, read_case
+from cortshift_tracking.case.folder import read_case
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.probe.store import ProbeStore
-from cortshift_tracking.report.validation import (TABLE_2_HEADER, TABLE_3_HEADER, compare_pair, read_picks, surface_accuracy, table_2,
-                                           table_3, to_csv)
+from cortshift_tracking.report.border import immobile_misalignment
+from cortshift_tracking.report.picks import read_picks
+from cortshift_tracking.report.tables import TABLE_2_HEADER, TABLE_3_HEADER, table_2, table_3, to_csv
+from cortshift_tracking.report.validation import compare_pair, surface_accuracy
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 import synthetic_case as synthetic  # noqa: E402
@@ -31,7 +33,7 @@ def noisy(tmp_path_factory):
     folder = str(tmp_path_factory.mktemp('noisy'))
     synthetic.write_case(folder, probe_noise=0.0)
     case = read_case(folder)
-    picks = read_picks(os.path.join(folder, 'picks.csv'))
+    picks = read_picks(os.path.join(folder, 'picks.csv'))[0]
     random = np.random.default_rng(4)
     accuracies, rows = [], []
     for _ in range(40):
@@ -44,7 +46,7 @@ def noisy(tmp_path_factory):
 
 
 def test_case_is_read_whole(exact):
-    assert [s.key for s in exact.stages] == NAMES and not exact.unread
+    assert [s.key for s in exact.stages] == NAMES and not exact.left_out
     assert [(f.from_key, f.to_key) for f in exact.fields] == [(NAMES[0], NAMES[1]), (NAMES[1], NAMES[2]), (NAMES[0], NAMES[2])]
     assert np.allclose(exact.gravity_pmr, synthetic.GRAVITY, atol=1e-9)
     stage = exact.stages[0]
@@ -62,7 +64,7 @@ def test_everything_refers_to_the_normal_of_the_first_stage(exact):
 
 
 def test_exact_probe_and_field_agree(exact):
-    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))
+    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))[0]
     for field in exact.fields:
         both = [surface_accuracy(exact.stage(key), exact.points, picks) for key in (field.from_key, field.to_key)]
         assert max(abs(a.to_surface) for a in both[0] + both[1]) < 3e-5 and max(a.to_homologous for a in both[0]) < 3e-5
@@ -100,7 +102,7 @@ def test_components_are_along_the_microscope(exact):
 
 
 def test_tables_hold_units_and_every_pair(exact):
-    second, third = table_2(exact, read_picks(os.path.join(exact.folder, 'picks.csv'))), table_3(exact)
+    second, third = table_2(exact, read_picks(os.path.join(exact.folder, 'picks.csv'))[0]), table_3(exact)
     for header, rows in ((TABLE_2_HEADER, second), (TABLE_3_HEADER, third)):
         text = list(csv.reader(to_csv(header, rows).splitlines()))
         assert text[0] == header and len(text) == 4 and all(len(row) == len(header) for row in text)
@@ -131,8 +133,8 @@ def test_what_is_missing_is_named(exact, tmp_path):
     with pytest.raises(CaseError, match='holds no stage'):
         read_case(str(tmp_path))
     (tmp_path / 'picks.csv').write_text('stage,label,column_px,row_px\nfirst,p1,ten,3\n')
-    with pytest.raises(CaseError, match='picks.csv, line 2'):
-        read_picks(str(tmp_path / 'picks.csv'))
+    picks, left_out = read_picks(str(tmp_path / 'picks.csv'))
+    assert not picks and len(left_out) == 1 and 'picks.csv, line 2: column column_px: "ten" is not a number' in left_out[0]
     with pytest.raises(CaseError, match='has no surface at column 10, row 2'):
         surface_accuracy(exact.stages[0], exact.points, {(NAMES[0], 'p1'): (10, 2)})
     far = [p.__class__(p.stage, p.label, p.stamp, tuple(p.position + 0.05), 0.0, 9) for p in exact.points]
@@ -145,5 +147,5 @@ def test_damaged_bag_is_left_out_and_named(tmp_path):
     whole = (tmp_path / f'0001_{NAMES[0]}_0.bag').read_bytes()
     (tmp_path / '0002_cut_0.bag').write_bytes(whole[:len(whole) // 2])
     case = read_case(str(tmp_path))
-    assert len(case.stages) == 1 and len(case.unread) == 1 and '0002_cut_0.bag' in case.unread[0]
+    assert len(case.stages) == 1 and len(case.left_out) == 1 and '0002_cut_0.bag' in case.left_out[0]
     assert ProbeStore(str(tmp_path)).points == [] and case.gravity_pmr is None

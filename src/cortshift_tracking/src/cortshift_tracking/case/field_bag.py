@@ -3,11 +3,10 @@ import numpy as np
 import rosbag
 import rospy
 from cortshift_msgs.msg import DisplacementField, ShiftSummary
-from geometry_msgs.msg import Pose
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2, PointField
 
 from cortshift_tracking.durable import replacing
+from cortshift_tracking.poses import pose_message
 
 
 def summarise(field, overlap, seconds, first_normal_pmr, gravity_pmr=None):
@@ -34,11 +33,7 @@ def to_message(field, summary):
                                 to_stamp=rospy.Time.from_sec(field.to_stamp), resolution=field.resolution,
                                 summary=summary)
     message.header.frame_id, message.header.stamp = 'pmr', message.to_stamp
-    T = field.T_pmr_projection
-    message.projection = Pose()
-    message.projection.position.x, message.projection.position.y, message.projection.position.z = T[:3, 3]
-    q = message.projection.orientation
-    q.x, q.y, q.z, q.w = Rotation.from_matrix(T[:3, :3]).as_quat()
+    message.projection = pose_message(field.T_pmr_projection)
     colour = field.colour.astype(np.uint32)
     packed = (colour[..., 0] << 16 | colour[..., 1] << 8 | colour[..., 2]).astype(np.uint32).view(np.float32)
     columns = [*np.moveaxis(field.start, -1, 0), *np.moveaxis(field.displacement, -1, 0),

@@ -1,7 +1,8 @@
 """A case on disk: stages, displacement fields, probe points, calibration; read without a master.
 
 A stage is a bag with /stage/info and /surface/points, a field one with /shift/field, wherever they lie in the folder, one
-below it or in the `fields` of one below it (`set_aside` and `deleted` are left alone).
+below it or in the `fields` of one below it (`set_aside` and `deleted` are left alone). One bad file never stops the rest: it is
+left out and named.
 """
 import glob
 import os
@@ -9,35 +10,40 @@ from dataclasses import dataclass
 from typing import List
 
 import numpy as np
-import rosbag
 import yaml
-from scipy import ndimage
 
-from cortshift_tracking.errors import CaseError
-from cortshift_tracking.geometry import local_frame
+from cortshift_tracking.case.bag_reading import open_bag
 from cortshift_tracking.case.messages import MR_KEY, Field, Stage, field_from_message, stage_from_messages
-from cortshift_tracking.probe.points import gravity_direction
+from cortshift_tracking.errors import CaseError, ProbeError
+from cortshift_tracking.geometry import LEAST_POINTS, local_frame
+from cortshift_tracking.probe.points import GRAVITY_LABELS, gravity_direction
 from cortshift_tracking.probe.store import FILE_NAME, read_points
 
 LEFT_ALONE = ('set_aside', 'deleted')
+SAME_STAMP = 1e-5  # stamps that differ by less are of one exposure [s]; a stamp in a double is good to 1e-6
 
 
 @dataclass(frozen=True)
 class Case:
-    """Stages in order of their exposure; fields with the pairs of consecutive stages first; unread: files and reasons."""
+    """Stages in order of their exposure; fields with the pairs of consecutive stages first; left_out: what, and why."""
     folder: str
     stages: List[Stage]
     fields: List[Field]
     points: list
     camera_infos: dict      # 'left', 'right': sensor_msgs/CameraInfo of the first stage that has them
     calibrations: dict      # file name: content of the YAML calibration files in the folder
-    unread: List[str]
+    left_out: List[str]
 
     def stage(self, key):
         for stage in self.stages:
             if stage.key == key:
                 return stage
         raise CaseError(f'{self.folder}: no stage "{key}"; there are: {", ".join(s.key for s in self.stages) or "none"}')
+
+    def absent_stages(self, field):
+        """Keys of the stages of a field that the case does not hold; the preoperative MR is none."""
+        keys = {stage.key for stage in self.stages} | {MR_KEY}
+        return [key for key in (field.from_key, field.to_key) if key not in keys]
 
     def field(self, from_key, to_key):
         for field in self.fields:
@@ -49,10 +55,7 @@ class Case:
     @property
     def gravity_pmr(self):
         """Unit vector of gravity from the probe's two positions, or None."""
-        pair = {p.label: p.position for p in self.points if not p.stage}
-        if 'gravity_upper' in pair and 'gravity_lower' in pair:
-            return gravity_direction(pair['gravity_upper'], pair['gravity_lower'])
-        return None
+        return gravity_of(self.points)
 
     @property
     def first_normal_pmr(self):
@@ -64,78 +67,125 @@ class Case:
         return local_frame(first.points).normal_pmr
 
 
-def _paths(folder, ending):
-    found = [path for below in ((), ('*',), ('*', 'fields'))
-             for path in glob.glob(os.path.join(glob.escape(folder), *below, '*' + ending))]
-    return sorted(p for p in found if os.path.basename(os.path.dirname(p)) not in LEFT_ALONE)
-
-
 def read_case(folder):
     """Read a case. Raises CaseError where there is no such folder, or it holds no stage."""
     if not os.path.isdir(folder):
         raise CaseError(f'{folder}: no such folder; give the folder of a case')
-    stages, fields, unread, infos = [], {}, [], {}
-    for path in _paths(folder, '.bag'):
-        try:
-            with rosbag.Bag(path) as bag:
-                topics = set(bag.get_type_and_topic_info().topics)
-                if '/stage/info' in topics and '/surface/points' in topics:
-                    stages.append(_read_stage(bag, path, infos))
-                elif '/shift/field' in topics:
-                    for _, message, _ in bag.read_messages('/shift/field'):  # a recording may hold a pair twice
-                        fields[message.from_key, message.to_key] = field_from_message(message)
-        except (rosbag.ROSBagException, CaseError, OSError, ValueError, KeyError) as error:
-            unread.append(f'{os.path.basename(path)}: {error}')
-    if not stages:
+    found = _Found(folder)
+    for path in found.paths('.bag'):
+        found.take(found.read_bag, path)
+    for path in found.paths(FILE_NAME):
+        found.take(found.read_points, path)
+    for path in found.paths('.yaml'):
+        found.take(found.read_calibration, path)
+    if not found.stages:
         raise CaseError(f'{folder}: holds no stage; capture one, or give another folder'
-                        + (f' (not readable: {"; ".join(unread)})' if unread else ''))
-    stages.sort(key=lambda stage: stage.stamp)
-    order = {stage.key: n for n, stage in enumerate(stages)}
-    order.setdefault(MR_KEY, -1)
-    fields = sorted(fields.values(), key=lambda f: (order.get(f.to_key, 99) - order.get(f.from_key, 99), order.get(f.from_key, 99)))
-    point_folders = {os.path.dirname(path) for path in _paths(folder, FILE_NAME)}
-    points = [point for place in sorted(point_folders) for point in read_points(place)]
-    return Case(folder, stages, fields, points, infos, _read_calibrations(folder, unread), unread)
+                        + (f' (left out: {"; ".join(found.left_out)})' if found.left_out else ''))
+    return found.case()
 
 
-def _read_stage(bag, path, infos):
-    messages = {}
-    for topic, message, _ in bag.read_messages(['/stage/info', '/surface/points', '/stereo/left/camera_info',
-                                                '/stereo/right/camera_info']):
-        messages[topic] = message
-    for side in ('left', 'right'):
-        if f'/stereo/{side}/camera_info' in messages:
-            infos.setdefault(side, messages[f'/stereo/{side}/camera_info'])
-    return stage_from_messages(messages['/stage/info'], messages['/surface/points'], path)
+class _Found:
+    """What was read of a folder so far."""
 
+    def __init__(self, folder):
+        self.folder, self.stages, self.fields, self.points = folder, {}, {}, []
+        self.camera_infos, self.calibrations, self.left_out = {}, {}, []
 
-def _read_calibrations(folder, unread):
-    calibrations = {}
-    for path in _paths(folder, '.yaml'):
+    def paths(self, ending):
+        found = [path for below in ((), ('*',), ('*', 'fields'))
+                 for path in glob.glob(os.path.join(glob.escape(self.folder), *below, '*' + ending))]
+        return sorted(p for p in found if os.path.basename(os.path.dirname(p)) not in LEFT_ALONE)
+
+    def leave_out(self, path, reason):
+        self.left_out.append(f'{os.path.relpath(path, self.folder)}: {reason}')
+
+    def take(self, read, path):
+        try:
+            read(path)
+        except CaseError as error:
+            self.leave_out(path, str(error).replace(f'{path}: ', '', 1))
+
+    def read_bag(self, path):
+        with open_bag(path) as bag:
+            topics = bag.get_type_and_topic_info().topics
+            if '/stage/info' in topics and '/surface/points' in topics:
+                self._add_stage({topic: message for topic, message, _ in bag.read_messages(
+                    ['/stage/info', '/surface/points', '/stereo/left/camera_info', '/stereo/right/camera_info'])}, path)
+            elif '/shift/field' in topics:
+                self._add_fields(bag, path)
+
+    def _add_stage(self, messages, path):
+        stage = stage_from_messages(messages['/stage/info'], messages['/surface/points'], path)
+        count = int(np.isfinite(stage.points).all(-1).sum())
+        if count < LEAST_POINTS:
+            raise CaseError(f'the surface of stage "{stage.key}" has only {count} points; capture it again')
+        earlier = self.stages.setdefault(stage.key, stage)
+        if abs(earlier.stamp - stage.stamp) > SAME_STAMP:
+            raise CaseError(f'another stage "{stage.key}" is in {os.path.relpath(earlier.path, self.folder)}; one key, one stage: '
+                            'move one of them away')
+        for side in ('left', 'right'):
+            if f'/stereo/{side}/camera_info' in messages:
+                self.camera_infos.setdefault(side, messages[f'/stereo/{side}/camera_info'])
+
+    def _add_fields(self, bag, path):
+        live = 0
+        for _, message, _ in bag.read_messages('/shift/field'):  # a recording may hold a pair twice: the last one counts
+            if message.to_key:
+                self.fields[message.from_key, message.to_key] = path, field_from_message(message)
+            else:
+                live += 1
+        if live:
+            self.leave_out(path, f'{live} field{"s" if live > 1 else ""} of the live mode: no later stage was captured with '
+                           f'{"them" if live > 1 else "it"}')
+
+    def read_points(self, path):
+        self.points += read_points(os.path.dirname(path))
+
+    def read_calibration(self, path):
         try:
             with open(path, encoding='utf-8') as file:
                 content = yaml.safe_load(file)
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            unread.append(f'{os.path.basename(path)}: {error}')
-            continue
+        except OSError as error:
+            raise CaseError(f'cannot be read ({error.strerror})') from error
+        except (UnicodeDecodeError, yaml.YAMLError) as error:
+            raise CaseError(f'not YAML{_line_of(error)}; restore it from a copy') from error
         if isinstance(content, dict):
-            calibrations[os.path.basename(path)] = content
-    return calibrations
+            self.calibrations[os.path.basename(path)] = content
+
+    def case(self):
+        stages = sorted(self.stages.values(), key=lambda stage: stage.stamp)
+        order = {stage.key: n for n, stage in enumerate(stages)}
+        order.setdefault(MR_KEY, -1)
+        fields = []
+        for path, field in self.fields.values():
+            wrong = [key for key, stamp in ((field.from_key, field.from_stamp), (field.to_key, field.to_stamp))
+                     if key in self.stages and abs(self.stages[key].stamp - stamp) > SAME_STAMP]
+            if wrong:
+                self.leave_out(path, f'the field {field.from_key} -> {field.to_key} is of another capture of "{wrong[0]}" than the '
+                               'stage in this folder; compute it again')
+            else:
+                fields.append(field)
+        fields.sort(key=lambda f: (order.get(f.to_key, 99) - order.get(f.from_key, 99), order.get(f.from_key, 99)))
+        self._check_gravity()
+        return Case(self.folder, stages, fields, self.points, self.camera_infos, self.calibrations, self.left_out)
 
 
-def immobile_misalignment(field, border=0.004):
-    """Displacement of features that should not move, around the craniotomy: the paper's own quality check (section 3.2).
+    def _check_gravity(self):
+        try:
+            gravity_of(self.points)
+        except ProbeError as error:
+            self.left_out.append(f'{FILE_NAME}: gravity: {error}')
+            self.points = [point for point in self.points if point.stage]
 
-    The outermost valid points of the field, `border` [m] wide, are taken for the rim.
-    Returns of the displacement there: median and 95th percentile of its length, length of its median vector (a misalignment
-    of the tool tracking moves all of it alike) [m], and the number of points; NaN where there is none.
-    """
-    valid = field.valid
-    filled = ndimage.binary_fill_holes(valid)
-    distance = ndimage.distance_transform_edt(np.pad(filled, 1))[1:-1, 1:-1] * field.resolution
-    rim = valid & (distance <= border)
-    if not rim.any():
-        return float('nan'), float('nan'), float('nan'), 0
-    magnitude = np.linalg.norm(field.displacement[rim], axis=-1)
-    common = np.linalg.norm(np.median(field.displacement[rim], axis=0))
-    return float(np.median(magnitude)), float(np.percentile(magnitude, 95)), float(common), int(rim.sum())
+
+def gravity_of(points):
+    """Unit vector of gravity in pmr from the probe's two positions, or None. Raises ProbeError where they make none."""
+    pair = {point.label: point.position for point in points if not point.stage}
+    if not set(GRAVITY_LABELS.values()) <= set(pair):
+        return None
+    return gravity_direction(pair[GRAVITY_LABELS['upper']], pair[GRAVITY_LABELS['lower']])
+
+
+def _line_of(error):
+    mark = getattr(error, 'problem_mark', None)
+    return f' (line {mark.line + 1})' if mark else ''

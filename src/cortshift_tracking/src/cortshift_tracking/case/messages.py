@@ -4,26 +4,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cortshift_tracking.errors import CaseError
+from cortshift_tracking.poses import pose_matrix
 
 MR_KEY = 'pmr'  # stands for the brain of the preoperative MR, in place of a stage
-
-
-def quaternion_matrix(q):
-    """Rotation (3, 3) of a geometry_msgs/Quaternion. Raises CaseError where it is not a unit quaternion."""
-    x, y, z, w = q.x, q.y, q.z, q.w
-    if not abs(x * x + y * y + z * z + w * w - 1) < 1e-3:
-        raise CaseError(f'quaternion ({x}, {y}, {z}, {w}) is not a rotation')
-    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                     [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                     [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
-
-
-def pose_matrix(pose):
-    """T_parent_child (4, 4) of a geometry_msgs/Pose."""
-    T = np.eye(4)
-    T[:3, :3] = quaternion_matrix(pose.orientation)
-    T[:3, 3] = pose.position.x, pose.position.y, pose.position.z
-    return T
 
 
 def cloud_arrays(cloud):

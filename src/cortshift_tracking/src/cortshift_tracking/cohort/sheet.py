@@ -6,15 +6,14 @@ every stage to the next one and the first to the last), gravity (x,y,z in pmr). 
 """
 import csv
 import os
-import re
 from dataclasses import dataclass
 from typing import Dict, List
 
 from cortshift_tracking.errors import CaseError
+from cortshift_tracking.keys import RULE, all_pairs, is_key
 
 REQUIRED = ('case', 'bag', 'stages', 'calibration')
 OPTIONAL = ('shifts', 'gravity')
-NAME = re.compile('[A-Za-z0-9_-]{1,64}')
 
 
 @dataclass(frozen=True)
@@ -46,26 +45,19 @@ class CohortCase:
         return [path for path in (self.bag, self.plan, self.calibration) if path and os.path.exists(path)]
 
 
-def default_shifts(keys):
-    """Every stage to the next one, and the first to the last."""
-    pairs = list(zip(keys, keys[1:]))
-    if len(keys) > 2:
-        pairs.append((keys[0], keys[-1]))
-    return [f'{first}:{last}' for first, last in pairs]
-
-
 def _case(row, folder, where):
     for column in REQUIRED[:3]:
         if not row[column]:
             raise CaseError(f'{where}: column {column} is empty')
-    if not NAME.fullmatch(row['case']):
-        raise CaseError(f'{where}: case "{row["case"]}" is not 1-64 of A-Z a-z 0-9 _ -')
+    if not is_key(row['case']):
+        raise CaseError(f'{where}: case "{row["case"]}" is not {RULE}')
 
     def path(column):
         return os.path.normpath(os.path.join(folder, row[column])) if row.get(column) else ''
     plan = path('stages') if row['stages'].endswith('.yaml') else ''
     stages = [] if plan else row['stages'].split()
-    shifts = (row.get('shifts') or '').split() or default_shifts([stage.rpartition('@')[0] for stage in stages])
+    shifts = (row.get('shifts') or '').split() or [
+        f'{first}:{last}' for first, last in all_pairs([stage.rpartition('@')[0] for stage in stages])]
     return CohortCase(row['case'], path('bag'), stages, plan, path('calibration'), shifts, row.get('gravity') or '')
 
 

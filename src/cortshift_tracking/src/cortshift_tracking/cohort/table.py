@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from cortshift_tracking.report.validation import TABLE_3_HEADER, to_csv
+from cortshift_tracking.report.tables import TABLE_3_HEADER, to_csv
 
 COLUMNS = TABLE_3_HEADER[1:]                # without the pair's name
 HEADER = ['case', 'status', 'pair'] + COLUMNS + ['case_seconds', 'case_peak_memory_mb', 'reason']

@@ -10,7 +10,7 @@ import rospy
 from cv_bridge import CvBridge
 from sensor_msgs.msg import Image
 
-from cortshift_tracking.console.desk import DeskError
+from cortshift_tracking.console.worker import DeskError
 
 PAGE = Path(__file__).with_name('page.html')
 PICTURES = {'overlay_before': '/shift/overlay_before', 'overlay_after': '/shift/overlay_after', 'magnitude': '/shift/magnitude'}
@@ -53,12 +53,13 @@ class Pictures:
 
 def status_of(desk, pictures):
     """Everything that the page shows, for JSON."""
-    activity = desk.activity
+    activity, tracker = desk.activity, desk.tracker
     return {
         'activity': {'what': activity.what, 'busy': activity.busy, 'success': activity.success, 'message': activity.message,
                      'progress': desk.progress()},
         'shift': dict(zip(('stages', 'numbers'), desk.shift)),
-        'coverage': desk.coverage(), 'warnings': desk.warnings(), 'live': desk.live,
+        'coverage': desk.coverage(), 'warnings': desk.warnings(), 'live': tracker.live,
+        'live_from': tracker.live_from, 'gravity': tracker.gravity, 'exclusions': tracker.exclusions,
         'phantom_stages_left': desk.phantom_stages_left,
         'stages': [{'key': s.key, 'note': s.note, 'stamp': s.stamp.to_sec(), 'coverage': s.coverage, 'epoch': s.epoch}
                    for s in desk.stages],

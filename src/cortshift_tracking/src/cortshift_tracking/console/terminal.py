@@ -10,7 +10,7 @@ import tty
 
 import rospy
 
-from cortshift_tracking.console.desk import DeskError
+from cortshift_tracking.console.worker import DeskError
 
 HELP = 'c capture   s shift of the last two stages   v live on/off   l list   n next phantom stage   h help   q quit'
 PERIOD = 0.25  # s between looks at the status
@@ -29,8 +29,17 @@ def status_line(desk):
     warnings = desk.warnings()
     return ' | '.join([doing, f'{len(desk.stages)} stages',
                        'coverage ' + ('unknown' if coverage is None else f'{100 * coverage:.0f} %'),
-                       'live ' + ('on' if desk.live else 'off'),
+                       *tracker_words(desk.tracker),
                        f'{len(warnings)} warnings: {warnings[0]}' if warnings else 'no warnings'])
+
+
+def tracker_words(tracker):
+    """What shift_tracker works with, for a person."""
+    words = ['live ' + {None: 'unknown', False: 'off', True: f'on from {tracker.live_from}'}[tracker.live],
+             f'gravity {tracker.gravity}']
+    if tracker.exclusions:
+        words.append(f'regions excluded at {", ".join(tracker.exclusions)}')
+    return words
 
 
 def stage_lines(stages):
@@ -49,7 +58,7 @@ class Terminal:
         self._said = None   # the activity that was reported
         self._screen = threading.Lock()
         self._keys = {'c': desk.capture, 's': desk.compute_last_pair, 'n': desk.next_phantom_stage,
-                      'v': lambda: desk.set_live(not desk.live), 'l': self._list, 'h': lambda: self._say(HELP)}
+                      'v': lambda: desk.set_live(not desk.tracker.live), 'l': self._list, 'h': lambda: self._say(HELP)}
 
     def run(self):
         interactive = sys.stdin.isatty()

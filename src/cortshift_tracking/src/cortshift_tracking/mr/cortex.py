@@ -9,9 +9,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from cortshift_tracking.mr.cross_section import median_spacing, triangles
 from cortshift_tracking.errors import VolumeError
-from cortshift_tracking.geometry import local_frame, normals
+from cortshift_tracking.geometry import local_frame, median_spacing, normals, triangles
 from cortshift_tracking.mr.volume import Volume
 
 PROFILE_STEP = 0.0001  # along a search line [m]

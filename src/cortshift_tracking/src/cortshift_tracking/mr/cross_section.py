@@ -4,6 +4,8 @@ from typing import Tuple
 
 import numpy as np
 
+from cortshift_tracking.geometry import median_spacing, triangles
+
 #: Axis of pmr that a plane is perpendicular to.
 PLANES = {'sagittal': 0, 'coronal': 1, 'axial': 2}
 #: What the pmr axes point to: (negative end, positive end).
@@ -57,25 +59,6 @@ def sure_points(points, confidence):
     confidence: (H, W) 0-1 of the reconstruction.
     """
     return np.where((np.asarray(confidence) >= SECTION_CONFIDENCE)[..., None], points, np.nan)
-
-
-def median_spacing(points):
-    """Median distance of neighbouring valid points of an organised surface (H, W, 3), in its unit; NaN if none."""
-    lengths = [np.linalg.norm(np.diff(points, axis=axis), axis=-1).ravel() for axis in (0, 1)]
-    lengths = np.concatenate(lengths)
-    lengths = lengths[np.isfinite(lengths)]
-    return float(np.median(lengths)) if len(lengths) else float('nan')
-
-
-def triangles(points, max_edge):
-    """Indices (N, 3) into points.reshape(-1, 3) of the triangles of an organised surface; longer edges are steps, cut."""
-    height, width = points.shape[:2]
-    index = np.arange(height * width).reshape(height, width)
-    a, b, c, d = (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:])
-    corners = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([d, c, b], -1).reshape(-1, 3)])
-    p = points.reshape(-1, 3)[corners]
-    edges = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=-1)
-    return corners[(edges <= max_edge).all(1)]  # NaN compares false
 
 
 def cut(points_pmr, axis, at, max_edge=None):

@@ -1,6 +1,6 @@
 """A scalar MR volume in pmr."""
 from dataclasses import dataclass, field
-from typing import Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
@@ -21,12 +21,14 @@ class Volume:
     axes          'RAS' or 'LPS': what the axes of pmr point to
     source        file or folder it came from
     notes         what had to be assumed while loading, for people
+    unknown       (I, J, K) bool: voxels that were not numbers in the file; None: there are none
     """
     data: np.ndarray
     T_pmr_voxel: np.ndarray
     axes: str = 'RAS'
     source: str = ''
     notes: Tuple[str, ...] = ()
+    unknown: Optional[np.ndarray] = None
     _spline: dict = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self):
@@ -85,7 +87,8 @@ class Volume:
                               f'of pmr ({self.axes})')
         T = self.T_pmr_voxel.copy()
         T[:3, 3] = self.to_pmr(first)
-        return Volume(self.data[tuple(slice(a, b) for a, b in zip(first, last))], T, self.axes, self.source, self.notes)
+        part = tuple(slice(a, b) for a, b in zip(first, last))
+        return Volume(self.data[part], T, self.axes, self.source, self.notes, None if self.unknown is None else self.unknown[part])
 
     def sample(self, points_pmr, order=1):
         """Intensity at points (..., 3) in pmr [m]; NaN outside the outermost voxel centres.
@@ -103,3 +106,23 @@ class Volume:
         last = np.subtract(self.data.shape, 1).reshape(3, *[1] * (index.ndim - 1))
         inside = ((index >= -1e-6) & (index <= last + 1e-6)).all(0) & np.isfinite(points).all(-1)
         return np.where(inside, values, np.nan)
+
+
+def volume_from_ras(data, T_ras_voxel, axes, path, notes=()):
+    """Volume of voxels whose places are known in RAS [m]. Voxels that are not numbers are noted, and kept in `unknown`.
+
+    Raises VolumeError where none is a number.
+    """
+    if axes not in AXES_FROM_RAS:
+        raise VolumeError(f'axes "{axes}" are not known; use RAS or LPS')
+    data = np.asarray(data, np.float32)
+    known = np.isfinite(data)
+    if not known.any():
+        raise VolumeError(f'{path}: holds no finite voxel; export it again')
+    low = data[known].min()
+    if not known.all():
+        share = 1 - known.mean()
+        notes = (*notes, f'{int((~known).sum())} voxels ({share:.2%}) are not numbers, taken as {low:g}, the darkest')
+    unknown = None if known.all() else ~known
+    return Volume(data if known.all() else np.where(known, data, low), AXES_FROM_RAS[axes] @ T_ras_voxel, axes, str(path), tuple(notes),
+                  unknown)

@@ -14,6 +14,7 @@ from tf2_msgs.msg import TFMessage
 
 from cortshift_tracking.errors import CortshiftError, ProbeError
 from cortshift_tracking.parameters import Number, ParameterError, read_parameters, settings_from
+from cortshift_tracking.poses import rotation_from_message
 from cortshift_tracking.probe.points import (GRAVITY_LABELS, GravitySettings, ProbePoint, StillSettings, check_key, gravity_direction,
                                       still_point)
 from cortshift_tracking.probe.store import ProbeStore
@@ -168,9 +169,8 @@ class ProbeNode:
         """The roughly downward direction in pmr at a stamp, or None where none is configured."""
         if not self._values['expected_down_frame']:
             return None
-        q = self._transform(self._values['expected_down_frame'], stamp).rotation
-        v, u = np.array(self._values['expected_down']), np.array([q.x, q.y, q.z])
-        return v + 2 * np.cross(u, np.cross(u, v) + q.w * v)
+        rotation = self._transform(self._values['expected_down_frame'], stamp).rotation
+        return rotation_from_message(rotation).apply(self._values['expected_down'])
 
     # ---- the shift tracker
 

@@ -1,12 +1,11 @@
 """The tracked stylus: what counts as a point, and gravity from two of them (paper 2.7.1, 2.7.2). No ROS."""
-import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from cortshift_tracking.errors import ProbeError
+from cortshift_tracking.keys import RULE, is_key
 
-KEY = re.compile(r'[A-Za-z0-9_-]{1,64}\Z')
 GRAVITY_LABELS = {'upper': 'gravity_upper', 'lower': 'gravity_lower'}
 
 
@@ -47,8 +46,8 @@ class ProbePoint:
 
 
 def check_key(what, key):
-    if not KEY.match(key):
-        raise ProbeError(f'{what} "{key}" is not allowed; use 1-64 of A-Z a-z 0-9 _ -')
+    if not is_key(key):
+        raise ProbeError(f'{what} "{key}" is not allowed; use {RULE}')
 
 
 def still_point(times, tips_pmr, settings=StillSettings()):

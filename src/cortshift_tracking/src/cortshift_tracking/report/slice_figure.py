@@ -5,7 +5,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from cortshift_tracking.mr.cross_section import LETTERS, PLANES, cut, mr_section, picture_axes, sure_points
-from cortshift_tracking.errors import VolumeError
 from cortshift_tracking.report.palette import stage_colour
 
 ZOOM_MARGIN = 0.012  # shown around the surfaces in the lower row [m]
@@ -18,22 +17,13 @@ def draw_slices(volume, surfaces, at=None, width_px=1160):
     surfaces: list of (name, points (H, W, 3) in pmr [m], confidence (H, W) 0-1); one colour each, in order. Where its
     reconstruction is not sure a section has a gap; the legend says how much of the surface is drawn.
     at: point in pmr [m] that the slices go through; by default the middle of the first surface.
-    Raises VolumeError where a surface lies outside the volume: then the two do not belong together.
     """
     names = [name for name, _, _ in surfaces]
     valid = [points[np.isfinite(points).all(-1)] for _, points, _ in surfaces]
-    for name, points in zip(names, valid):
-        if not len(points):
-            raise VolumeError(f'surface "{name}" has no points; nothing to draw')
     drawn = [sure_points(points, confidence) for _, points, confidence in surfaces]
     if at is None:
         at = np.median(valid[0], axis=0) if valid else volume.corners_pmr().mean(0)
     low, high = volume.corners_pmr()
-    for name, points in zip(names, valid):
-        share = np.isfinite(volume.sample(points[::97])).mean()
-        if share < 0.5:
-            raise VolumeError(f'surface "{name}" lies outside {volume.source}: only {share:.0%} of it is in the volume; check the '
-                              f'patient registration and the axes of pmr ({volume.axes})')
     window = np.nanpercentile(volume.data[::3, ::3, ::3], (1, 99.7))
     rows = 2 if surfaces else 1
     figure = Figure(figsize=(width_px / 100, width_px / 100 * (0.78 if rows == 2 else 0.42)), dpi=100, facecolor='white')

@@ -1,0 +1,16 @@
+"""A ShiftSummary in words for a person, the same in console, tools and report."""
+
+
+def in_mm(mean, sd):
+    """Mean and standard deviation [m] as text."""
+    return f'{1000 * mean:.2f} ± {1000 * sd:.2f} mm'
+
+
+def summary_lines(summary):
+    """The numbers of a ShiftSummary as (name, text); what is not known is left out."""
+    lines = [('magnitude', in_mm(summary.magnitude_mean, summary.magnitude_sd)),
+             ('along gravity', in_mm(summary.gravity_mean, summary.gravity_sd)),
+             ('along the normal', in_mm(summary.normal_mean, summary.normal_sd)),
+             ('lateral', in_mm(summary.lateral_mean, summary.lateral_sd)),
+             ('overlap', f'{100 * summary.overlap:.0f} %')]
+    return [(name, text) for name, text in lines if 'nan' not in text]

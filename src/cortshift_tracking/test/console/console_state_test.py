@@ -1,0 +1,75 @@
+"""The console's worker and what it shows of the graph, without a graph."""
+import threading
+import time
+
+import pytest
+from cortshift_tracking.console.graph_state import SILENCE, TRACKER_STATE, GraphState
+from cortshift_tracking.console.terminal import tracker_words
+from cortshift_tracking.console.worker import DeskError, Worker
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+
+def done(worker):
+    end = time.monotonic() + 20
+    while worker.activity.busy:
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    return worker.activity
+
+
+@pytest.mark.parametrize('fault', [TypeError('not a number'), KeyError('x'), RuntimeError('odd'), OSError(5, 'Input/output error')])
+def test_nothing_ends_the_worker(fault):
+    logged = []
+
+    def fails():
+        raise fault
+    worker = Worker(logged.append)
+    worker.ask('capturing', 1, fails)
+    activity = done(worker)
+    assert not activity.success and 'capturing failed by a fault of the console' in activity.message
+    assert type(fault).__name__ in activity.message and 'Traceback' in logged[0]
+    worker.ask('capturing', 1, lambda: ('stored', (('overlap', '90 %'),)))
+    activity = done(worker)
+    assert activity.success and activity.message == 'stored' and activity.summary
+
+
+def test_a_refusal_and_a_second_request():
+    go = threading.Event()
+
+    def refused():
+        go.wait(20)
+        raise DeskError('no stage; capture one')
+    worker = Worker()
+    worker.ask('computing', 1, refused)
+    with pytest.raises(DeskError, match='computing is still under way'):
+        worker.ask('capturing', 1, refused)
+    assert worker.progress() < 1
+    go.set()
+    assert done(worker).message == 'no stage; capture one' and worker.progress() == 1
+
+
+def state(**values):
+    return DiagnosticArray(status=[DiagnosticStatus(name=TRACKER_STATE, values=[KeyValue(k, v) for k, v in values.items()])])
+
+
+def test_what_the_tracker_says_is_shown():
+    now = [100.0]
+    graph = GraphState(lambda: now[0])
+    assert tracker_words(graph.tracker()) == ['live unknown', 'gravity unknown']
+    graph.keep(state(live='on', live_from='stage_01', gravity='0 0 -1', excluded_stages='stage_01, stage_03'))
+    assert tracker_words(graph.tracker()) == ['live on from stage_01', 'gravity known', 'regions excluded at stage_01, stage_03']
+    graph.keep(state(live='off', live_from='', gravity='not known', excluded_stages=''))  # restarted
+    assert graph.tracker().live is False and tracker_words(graph.tracker()) == ['live off', 'gravity not known']
+    now[0] += SILENCE + 0.1
+    assert graph.tracker().live is None and tracker_words(graph.tracker()) == ['live unknown', 'gravity unknown']
+    assert f'nothing is heard of shift_tracker for {SILENCE:.0f} s' in graph.warnings()
+
+
+def test_coverage_and_warnings_are_of_now():
+    now = [0.0]
+    graph = GraphState(lambda: now[0])
+    graph.keep(DiagnosticArray(status=[DiagnosticStatus(DiagnosticStatus.WARN, 'surface_reconstruction: surface', 'too dark', '',
+                                                        [KeyValue('coverage', '0.8')])]))
+    assert graph.coverage() == 0.8 and 'surface_reconstruction: surface: too dark' in graph.warnings()
+    now[0] = 2 * SILENCE
+    assert graph.coverage() is None and 'surface_reconstruction: surface: too dark' not in graph.warnings()
