@@ -255,6 +255,8 @@ YAML::Node loadYaml(const std::filesystem::path& path, int depth) {
     picture = (path.parent_path() / picture.as<std::string>()).string();
   }
   if (!root.IsMap() || !root["based_on"]) return root;
+  if (!root["based_on"].IsScalar())
+    throw PhantomCaseError("phantom case " + path.string() + ": based_on must name a file");
   const auto base = path.parent_path() / root["based_on"].as<std::string>();
   root.remove("based_on");
   return merged(loadYaml(base, depth + 1), root);

@@ -1,8 +1,10 @@
-// Good pairs of a microscope are accepted, bad ones are not, on photographs: a part of what script/benchmark pairs shows.
+// Good pairs of a microscope are accepted, bad ones are not, on photographs: a part of what script/benchmark pairs
+// shows.
+#include "pair_trials.hpp"
+
 #include <gtest/gtest.h>
 
 #include "cortshift_stereo/reconstruction.hpp"
-#include "pair_trials.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -10,8 +12,8 @@ namespace {
 using namespace cortshift_stereo_test;
 
 PhantomCase caseOf(const std::string& name) {
-  PhantomCase description =
-      cortshift_stereo_phantom::loadPhantomCase(std::string(CORTSHIFT_CONFIG_DIR) + "/phantom/choose/" + name + ".yaml");
+  PhantomCase description = cortshift_stereo_phantom::loadPhantomCase(std::string(CORTSHIFT_CONFIG_DIR) +
+                                                                      "/phantom/choose/" + name + ".yaml");
   description.cameras.size = {512, 384};
   description.image.supersampling = 2;
   return description;
@@ -33,7 +35,8 @@ TEST_P(GoodPairs, areAccepted) {
   });
 }
 INSTANTIATE_TEST_SUITE_P(Disturbances, GoodPairs,
-                         ::testing::Values("photograph", "cameras", "defocus", "wet", "weak", "instrument", "other_wet"));
+                         ::testing::Values("photograph", "cameras", "defocus", "wet", "weak", "instrument",
+                                           "other_wet"));
 
 class BadPairs : public ::testing::TestWithParam<int> {};
 
@@ -47,8 +50,12 @@ TEST_P(BadPairs, areRefusedOrNamed) {
       const auto result = reconstruct(trial.images.left, trial.images.right, Rectifier(trial.truth.model()));
       EXPECT_FALSE(result.warnings.empty());
     } catch (const PairError& error) {
-      if (trial.kind == "swapped") EXPECT_EQ(error.reason(), "swapped") << error.what();
-      if (trial.kind.find("blurred") != std::string::npos) EXPECT_EQ(error.reason(), "defocused") << error.what();
+      if (trial.kind == "swapped") {
+        EXPECT_EQ(error.reason(), "swapped") << error.what();
+      }
+      if (trial.kind.find("blurred") != std::string::npos) {
+        EXPECT_EQ(error.reason(), "defocused") << error.what();
+      }
     }
   });
 }

@@ -67,8 +67,7 @@ TEST(RowAgreement, pointsOfAKnownMotionGiveItBackWithItsError) {
 TEST(RowAgreement, aTurnedCameraIsFoundTakenOutAndSaid) {
   const AnalyticScene scene;
   const cv::Vec3d turn(0.0016, 0, -0.0022);  // rows off by 1.9 px and, at the sides, 0.3 px
-  const ReconstructionResult result =
-      reconstruct(scene.left(), scene.right(), Rectifier(withWrongRight(scene, turn)));
+  const ReconstructionResult result = reconstruct(scene.left(), scene.right(), Rectifier(withWrongRight(scene, turn)));
   EXPECT_LT(medianError(scene, result.disparity), 0.0001) << "0.03 px, as without a turn";
   ASSERT_EQ(result.warnings.size(), 1u);
   const std::string& warning = result.warnings.front();

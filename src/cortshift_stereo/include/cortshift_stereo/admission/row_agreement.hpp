@@ -1,6 +1,7 @@
 // Whether the rows of a rectified pair agree, and if not, by which motion of the right camera.
 #pragma once
 
+#include <algorithm>
 #include <opencv2/core.hpp>
 #include <vector>
 
