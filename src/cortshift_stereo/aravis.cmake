@@ -10,15 +10,11 @@ target_sources(${PROJECT_NAME}_sources PRIVATE
 target_link_libraries(${PROJECT_NAME}_sources PkgConfig::ARAVIS)
 
 if(CATKIN_ENABLE_TESTING)
-  catkin_add_gmock(sources_test test/sources/sources_test.cpp)
+  cortshift_test(sources_test gmock quick 300 FILES test/sources/sources_test.cpp LIBRARIES ${PROJECT_NAME}_sources)
   target_include_directories(sources_test PRIVATE src)
-  target_link_libraries(sources_test ${PROJECT_NAME}_sources ${GMOCK_MAIN_LIBRARIES})
 
   # A GigE Vision camera in software whose images say when they were exposed.
   add_executable(fake_gige_camera EXCLUDE_FROM_ALL test/support/fake_gige_camera.cpp)
   target_link_libraries(fake_gige_camera PkgConfig::ARAVIS)
-  if(TARGET tests)
-    add_dependencies(tests fake_gige_camera)
-  endif()
-  add_rostest(test/sources/aravis.test DEPENDENCIES stereo_driver_node fake_gige_camera)
+  cortshift_test(aravis_test rostest graph 900 FILES test/sources/aravis.test DEPENDS stereo_driver_node fake_gige_camera)
 endif()

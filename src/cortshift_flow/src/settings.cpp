@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "cortshift_flow/flow.hpp"
+#include "cortshift_flow/range.hpp"
 
 namespace cortshift_flow {
 namespace {
@@ -37,16 +38,6 @@ const std::vector<Entry>& entries() {
 
 double valueOf(const FlowSettings& settings, const Entry& entry) {
   return entry.integer ? settings.*entry.integer : settings.*entry.real;
-}
-
-[[noreturn]] void refuse(const std::string& name, const std::string& value, const std::string& allowed) {
-  throw std::invalid_argument(name + " = " + value + " is not allowed; " + allowed + " is");
-}
-
-std::string text(double value) {
-  std::ostringstream out;
-  out << value;
-  return out.str();
 }
 
 void readEntry(const cv::FileNode& node, const Entry& entry, FlowSettings& settings) {
@@ -92,15 +83,11 @@ FlowSettings FlowSettings::preset(const std::string& name) {
   }
   std::string known;
   for (const std::string& preset : presetNames()) known += (known.empty() ? "" : ", ") + preset;
-  refuse("preset", "'" + name + "'", "one of " + known);
+  throw std::invalid_argument("preset = '" + name + "' is not allowed; allowed is one of " + known);
 }
 
 void FlowSettings::validate() const {
-  for (const Entry& entry : entries()) {
-    const double value = valueOf(*this, entry);
-    if (!(value >= entry.low && value <= entry.high))
-      refuse(entry.name, text(value), text(entry.low) + "..." + text(entry.high));
-  }
+  for (const Entry& entry : entries()) requireRange(entry.name, valueOf(*this, entry), entry.low, entry.high);
 }
 
 FlowSettings readSettings(const std::string& path) {

@@ -92,6 +92,48 @@ void accuracy(const PhantomPair& phantom) {
   row("mean of 8 pairs, noise 4/255", phantom.heightErrors(averageFrames(frames, phantom.model()).disparity));
 }
 
+/// The greatest errors of one noisy pair, and those on a wet surface.
+void tails(const PhantomPair& phantom, const char* name, double noise) {
+  const auto images = phantom.take({noise, 1, 0});
+  const ReconstructionResult result = reconstruct(images.left, images.right, Rectifier(phantom.model()));
+  const cv::Mat error = phantom.heightError(result.disparity);
+  std::vector<float> errors;
+  for (int y = 0; y < error.rows; ++y)
+    for (int x = 0; x < error.cols; ++x)
+      if (phantom.craniotomy().at<uint8_t>(y, x) && std::isfinite(error.at<float>(y, x)))
+        errors.push_back(std::abs(error.at<float>(y, x)));
+  const auto mm = [&](double share) { return 1e3 * cortshift_stereo_test::quantile(errors, share); };
+  std::printf("| %s | %.4f | %.4f | %.3f | %.3f | %.3f | %.2f |\n", name, mm(0.5), mm(0.95), mm(0.99), mm(0.999), mm(1),
+              100.0 * static_cast<double>(errors.size()) / cv::countNonZero(phantom.craniotomy()));
+}
+
+/// Median error of the more confident half of the points over that of the less confident half.
+double medianRatio(const PhantomPair& phantom, const Exposure& exposure) {
+  const auto images = phantom.take(exposure);
+  const ReconstructionResult result = reconstruct(images.left, images.right, Rectifier(phantom.model()));
+  const cv::Mat error = phantom.heightError(result.disparity);
+  std::vector<std::pair<float, float>> points;  // confidence, |error|
+  for (int y = 0; y < error.rows; ++y)
+    for (int x = 0; x < error.cols; ++x)
+      if (phantom.craniotomy().at<uint8_t>(y, x) && std::isfinite(error.at<float>(y, x)))
+        points.emplace_back(result.surface_left.confidence.at<float>(y, x), std::abs(error.at<float>(y, x)));
+  std::sort(points.begin(), points.end());
+  std::vector<float> lower, upper;
+  for (std::size_t i = 0; i < points.size(); ++i) (2 * i < points.size() ? lower : upper).push_back(points[i].second);
+  return cortshift_stereo_test::quantile(upper, 0.5) / cortshift_stereo_test::quantile(lower, 0.5);
+}
+
+void confidence(const PhantomPair& phantom, const PhantomPair& other) {
+  std::printf(
+      "\n| confidence: median error of the upper half / of the lower half | the demo's head | another head |\n"
+      "|---|---|---|\n");
+  for (const auto& [name, exposure] :
+       {std::pair("clean", Exposure{}), std::pair("noise 1/255", Exposure{1.0 / 255, 1, 0}),
+        std::pair("noise 2/255", Exposure{2.0 / 255, 1, 0}), std::pair("noise 4/255", Exposure{4.0 / 255, 1, 0}),
+        std::pair("noise 2/255, right gain 0.85", Exposure{2.0 / 255, 0.85, 0})})
+    std::printf("| %s | %.2f | %.2f |\n", name, medianRatio(phantom, exposure), medianRatio(other, exposure));
+}
+
 /// The same head seen with other numbers of pixels.
 StereoModel scaled(const StereoModel& model, double scale) {
   StereoModel out = model;
@@ -157,15 +199,25 @@ void time(const PhantomPair& phantom) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 2 || std::string(argv[1]) == "--help") {
-    std::puts("usage: benchmark_reconstruction CASE.yaml   (config/phantom/phantom_case.yaml)");
-    return argc == 2 ? 0 : 2;
+  if (argc != 4) {
+    std::puts("usage: benchmark_reconstruction CASE.yaml WET.yaml STAGE   a dry case, a wet one and its stage");
+    return argc == 2 && std::string(argv[1]) == "--help" ? 0 : 2;
   }
   cortshift_stereo::keepFreedMemory();  // as the node does
   try {
-    const PhantomPair phantom(cortshift_stereo_phantom::loadPhantomCase(argv[1]), 0);
+    auto description = cortshift_stereo_phantom::loadPhantomCase(argv[1]);
+    const PhantomPair phantom(description, 0);
     std::printf("threads: %d\n", cv::getNumThreads());
     accuracy(phantom);
+    std::printf(
+        "\n| greatest height errors | median mm | p95 mm | p99 mm | p99.9 mm | max mm | valid %% |\n"
+        "|---|---|---|---|---|---|---|\n");
+    tails(phantom, "noise 1/255", 1.0 / 255);
+    const auto wet = cortshift_stereo_phantom::loadPhantomCase(argv[2]);
+    const PhantomPair wet_phantom(wet, cortshift_stereo_phantom::PhantomScene(wet).stageIndex(argv[3]));
+    tails(wet_phantom, "wet highlights, noise 2/255", 2.0 / 255);
+    description.head.seed += 1000;
+    confidence(phantom, PhantomPair(description, 0));
     time(phantom);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "benchmark_reconstruction: %s\n", error.what());

@@ -2,26 +2,22 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <opencv2/core/utility.hpp>
 #include <string>
 
+#include "cortshift_flow/text.hpp"
 #include "cortshift_stereo/geometry/triangulation.hpp"
 #include "cortshift_stereo/refinement/refinement.hpp"
 
 namespace cortshift_stereo {
 namespace {
 
+using cortshift_flow::shortNumber;
+
 constexpr float kAgreement = 1.5f;  // [px] between matching and refinement; beyond, one of them is wrong
 
 std::string describe(const cv::Size& size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
-
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
 
 Findings checkSize(const cv::Mat& image, const CameraModel& camera, const std::string& side) {
   Findings found;
@@ -71,8 +67,8 @@ Findings checkCoverage(double coverage, const PairLimits& limits) {
   Findings found;
   if (coverage < limits.min_coverage)
     found.refuse(CheckId::kCoverage, "The match",
-                 "covers only " + number(100 * coverage) + " % of the image, at least " +
-                     number(100 * limits.min_coverage) + " % is needed",
+                 "covers only " + shortNumber(100 * coverage) + " % of the image, at least " +
+                     shortNumber(100 * limits.min_coverage) + " % is needed",
                  "check focus, light, obstacles in the view, and the calibration");
   return found;
 }
@@ -94,8 +90,8 @@ Matching matchPair(const cv::Mat& left, const cv::Mat& right, const Rectifier& r
   out.quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
   if (out.quality.search_range.size() == 0)
     throw PairError(CheckId::kNoMatch, "The pair",
-                    "does not match at any working distance between " + number(settings.min_working_distance) +
-                        " and " + number(settings.max_working_distance) + " m",
+                    "does not match at any working distance between " + shortNumber(settings.min_working_distance) +
+                        " and " + shortNumber(settings.max_working_distance) + " m",
                     "check that both images belong to one pair, that left and right are not swapped, and the "
                     "calibration");
   out.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, out.quality.search_range);
@@ -160,7 +156,8 @@ bool fitsExchanged(const cv::Mat& left, const cv::Mat& right, const Rectifier& r
 
 void ReconstructionSettings::validate() const {
   const auto require = [](bool good, const std::string& name, double value, const std::string& allowed) {
-    if (!good) throw std::invalid_argument(name + " = " + number(value) + " is not allowed; allowed is " + allowed);
+    if (!good)
+      throw std::invalid_argument(name + " = " + shortNumber(value) + " is not allowed; allowed is " + allowed);
   };
   require(min_working_distance > 0, "min_working_distance", min_working_distance, "> 0 m");
   require(max_working_distance > min_working_distance, "max_working_distance", max_working_distance,

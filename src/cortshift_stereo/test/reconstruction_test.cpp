@@ -304,6 +304,37 @@ TEST(FrameAverage, outliersAndHolesDoNotCount) {
               (model.left.R * cv::Vec3d(mean.surface_left.points.at<cv::Vec3f>(50, 50)))[2], 1e-6);
 }
 
+TEST(FrameAverage, coloursAreAveragedPixelByPixel) {
+  const AnalyticScene scene;
+  std::vector<Frame> frames(2);
+  for (std::size_t i = 0; i < 2; ++i) {
+    frames[i] = {cv::Mat(scene.size, CV_32FC1, cv::Scalar(2)), cv::Mat(scene.size, CV_8UC3),
+                 cv::Mat(scene.size, CV_32FC1, cv::Scalar(0.5))};
+    for (int y = 0; y < scene.size.height; ++y)
+      for (int x = 0; x < scene.size.width; ++x)
+        frames[i].colour.at<cv::Vec3b>(y, x) =
+            cv::Vec3b(static_cast<uint8_t>(x / 2), static_cast<uint8_t>(y), i ? 40 : 20);
+  }
+  const cv::Mat colour = averageFrames(frames, scene.model()).surface_left.colour;
+  EXPECT_EQ(colour.at<cv::Vec3b>(33, 210), cv::Vec3b(105, 33, 30));
+  EXPECT_EQ(colour.at<cv::Vec3b>(200, 12), cv::Vec3b(6, 200, 30));
+}
+
+TEST(FrameAverage, noiseOfTheMeanIsWhatTheFramesPromiseOrShow) {
+  const AnalyticScene scene;
+  const auto deviationOfMean = [&](float step, float confidence) {
+    std::vector<Frame> frames;
+    for (int i = 0; i < 4; ++i)
+      frames.push_back({cv::Mat(scene.size, CV_32FC1, cv::Scalar(2 + step * static_cast<float>(i))),
+                        cv::Mat(scene.size, CV_8UC3, cv::Scalar::all(0)),
+                        cv::Mat(scene.size, CV_32FC1, cv::Scalar(confidence))});
+    return deviationOf(averageFrames(frames, scene.model()).surface_left.confidence.at<float>(50, 50));
+  };
+  EXPECT_NEAR(deviationOfMean(0, 0.5F), 0.1 / 2, 1e-4);  // four that promise 0.1 px each
+  // Four that lie 0.1 px apart: variance 5/3 of a hundredth, of the mean a quarter of it.
+  EXPECT_NEAR(deviationOfMean(0.1F, 0.99F), std::sqrt(0.05 / 3 / 4), 1e-3);
+}
+
 TEST(Confidence, roundTrip) {
   for (const double deviation : {0.01, 0.1, 0.7}) {
     const cv::Mat confidence = confidenceOf(cv::Mat(1, 1, CV_32FC1, cv::Scalar(deviation)));

@@ -95,6 +95,7 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
   result.summary.projection_seconds = projection_seconds;
   result.summary.flow_seconds = flow_seconds;
   result.summary.inversion_seconds = inversion_seconds;
+  result.summary.configuration = settings.configuration;
   if (result.summary.valid_points == 0)
     throw TrackingError("no displacement can be trusted (overlap " + percent(overlap) +
                         "); capture a stage with the same cortex in view, in focus and free of blood");

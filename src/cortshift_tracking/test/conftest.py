@@ -1,5 +1,6 @@
-"""Helpers that several tests share stand in support."""
+"""Helpers that several tests share stand in support and its folders."""
 import os
 import sys
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), 'support'))
+SUPPORT = os.path.join(os.path.dirname(os.path.abspath(__file__)), 'support')
+sys.path[:0] = [SUPPORT, os.path.join(SUPPORT, 'mr'), os.path.join(SUPPORT, 'project')]

@@ -24,26 +24,26 @@ ROOMS = {
     'flow/polish': {'flow', 'flow/images', 'flow/variational', 'flow/start', 'flow/trust'},
     'flow/trust': {'flow', 'flow/images', 'flow/variational', 'flow/polish'},
     'flow/phantom': set(),
-    'stereo': STEREO_CORE,
+    'stereo': STEREO_CORE | {'flow'},
     'stereo/geometry': {'stereo'},
-    'stereo/calibration': {'stereo', 'stereo/geometry'},
+    'stereo/calibration': {'stereo', 'stereo/geometry', 'flow'},
     'stereo/rectification': {'stereo', 'stereo/geometry', 'stereo/calibration', 'stereo/admission'},
     'stereo/matching': {'stereo', 'stereo/geometry', 'stereo/rectification'},
     'stereo/refinement': {'stereo', 'stereo/geometry', 'stereo/rectification', 'flow'},
-    'stereo/averaging': {'stereo', 'stereo/geometry', 'stereo/rectification', 'stereo/refinement'},
+    'stereo/averaging': {'stereo', 'stereo/geometry', 'stereo/rectification', 'stereo/refinement', 'stereo/admission'},
     'stereo/admission': STEREO_CORE | {'flow'},   # judges what is known of all of them
-    'stereo/phantom': {'stereo', 'stereo/geometry', 'stereo/calibration', 'stereo/rectification', 'flow/phantom'},
-    'stereo/sources': STEREO_CORE | {'stereo/phantom'},
-    'stereo/ros': {'stereo/*'},
+    'stereo/phantom': {'stereo', 'stereo/geometry', 'stereo/calibration', 'stereo/rectification', 'flow/phantom', 'flow'},
+    'stereo/sources': STEREO_CORE | {'stereo/phantom', 'flow'},
+    'stereo/ros': {'stereo/*', 'flow'},
     'stereo/nodes': {'stereo/*'},
     'tracking': TRACKING_CORE | STEREO_CORE | {'flow'},
-    'tracking/projection': {'tracking', 'stereo/geometry'},
+    'tracking/projection': {'tracking', 'stereo/geometry', 'flow'},
     'tracking/matching': {'tracking', 'tracking/projection', 'tracking/trust', 'flow'},
     'tracking/trust': {'tracking', 'tracking/projection', 'tracking/matching', 'stereo/geometry', 'flow'},
-    'tracking/field': TRACKING_CORE | {'tracking/case', 'stereo', 'stereo/geometry'},   # of case the names of stages alone
+    'tracking/field': TRACKING_CORE | {'tracking/case', 'stereo', 'stereo/geometry', 'flow'},   # of case the names of stages alone
     'tracking/surround': TRACKING_CORE | {'stereo', 'stereo/geometry', 'flow'},
     'tracking/case': TRACKING_CORE | STEREO_CORE | {'stereo/ros'},
-    'tracking/igtl': {'tracking'},
+    'tracking/igtl': {'tracking', 'flow', 'tracking/case'},   # of case what a key is and files that last
     'tracking/model': TRACKING_CORE | STEREO_CORE | {'flow'},
     'tracking/phantom': TRACKING_CORE | STEREO_CORE | {'stereo/phantom', 'flow/phantom'},
     'tracking/ros': TRACKING_CORE | STEREO_CORE | {'stereo/ros', 'tracking/case', 'tracking/igtl', 'tracking/model', 'flow'},
@@ -69,16 +69,7 @@ PYTHON_ROOMS = {
 
 # Longer than MOST_LINES because one job needs it; with the job.
 LONG = {
-    'src/cortshift_flow/src/polish/polish.cpp': 'to be split',
-    'src/cortshift_stereo/src/calibration/hand_eye/hand_eye.cpp': 'to be split',
-    'src/cortshift_stereo/src/calibration/stereo/stereo_calibration.cpp': 'to be split',
-    'src/cortshift_stereo/src/refinement/refinement.cpp': 'to be split',
-    'src/cortshift_tracking/src/igtl/endpoint.cpp': 'to be split',
-    'src/cortshift_tracking/src/nodes/igtl_bridge_node.cpp': 'to be split',
-    'src/cortshift_tracking/src/offline/bag_file.cpp': 'to be split',
-    'src/cortshift_tracking/src/ros/tracker/shift_tracker.cpp': 'to be split',
-    'src/cortshift_tracking/test/igtl/igtl_bridge_test.py': 'to be split',
-    'src/cortshift_tracking/test/ros/shift_tracker_test.cpp': 'to be split',
+    'src/cortshift_tracking/test/support/faults.py': 'one list: each function is one fault that a recording can have',
 }
 
 RULES = {

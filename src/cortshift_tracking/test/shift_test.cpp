@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <opencv2/imgproc.hpp>
 #include <string>
 #include <vector>
 
@@ -110,6 +111,48 @@ TEST_F(Shift, APredictionIsAStartAndNoMore) {
     EXPECT_LT(errors.p95, 0.00015);
     EXPECT_GT(errors.coverage, 0.7);
   }
+}
+
+/// Only blue still shows the tissue, as under blood (Ji et al. 2014, Discussion): the other channels see something
+/// else.
+cortshift_stereo::Surface bled(const cortshift_stereo::Surface& surface) {
+  cortshift_stereo::Surface result = surface;
+  cv::Mat other(surface.colour.size(), CV_8UC3);
+  cv::RNG random(20140317);
+  random.fill(other, cv::RNG::UNIFORM, 0, 256);
+  cv::GaussianBlur(other, other, cv::Size(), 3);
+  cv::normalize(other, other, 20, 235, cv::NORM_MINMAX);
+  result.colour = surface.colour.clone();
+  const int from_to[] = {1, 1, 2, 2};  // green, red
+  cv::mixChannels(&other, 1, &result.colour, 1, from_to, 2);
+  return result;
+}
+
+TEST_F(Shift, ChannelsAreChosenWithAPredictionToo) {
+  ShiftSettings settings;
+  settings.frame.resolution = 0.0002;  // as in live mode
+  const auto before = sagAndShift(0.003, 0.001), now = sagAndShift(0.004, 0.0015);
+  const auto earlier = scene.see(camera, AnalyticScene::atRest());
+  const Reference reference = prepareReference(earlier, settings);
+  const ShiftResult clean = computeShift(reference, scene.see(moved, before), directions(earlier), settings);
+  const ShiftResult warm = computeShift(reference, bled(scene.see(moved, now)), directions(earlier), settings,
+                                        predictionOf(clean.flow, clean.field.confidence));
+  const Errors errors = errorsOf(warm, scene, AnalyticScene::atRest(), now);
+  EXPECT_LT(errors.median, 0.00003);
+  EXPECT_LT(errors.p95, 0.00015);
+  EXPECT_GT(errors.coverage, 0.6);
+}
+
+// Larger than what is searched after the first looks: the last one finds it only if it is told the whole of it.
+TEST_F(Shift, AMotionAsWideAsTheSearchIsFound) {
+  const auto aside = [](double, double) { return Eigen::Vector3d(0.005, -0.003, 0); };
+  const PinholeCamera wide = scene.cameraAt(0.3, 0, 0, 0, {360, 300}, 0.036);
+  const auto earlier = scene.see(wide, AnalyticScene::atRest()), later = scene.see(wide, aside);
+  const ShiftResult result = computeShift(earlier, later, directions(earlier));
+  const Errors errors = errorsOf(result, scene, AnalyticScene::atRest(), aside);
+  EXPECT_LT(errors.median, 0.00002);
+  EXPECT_LT(errors.p95, 0.0001);
+  EXPECT_GT(errors.coverage, 0.5);
 }
 
 TEST_F(Shift, OwnPointsAgreeWithTheField) {

@@ -104,7 +104,8 @@ void run(const Options& options) {
   const CaseRecording& recording = *opened;
   for (const std::string& remark : recording.bag().remarks())
     std::fprintf(stderr, "process_bag: %s: %s\n", recording.bag().path().c_str(), remark.c_str());
-  const double length = (recording.bag().end() - recording.bag().begin()).toSec();
+  printWarnings(recording.remarks());
+  const double length = recording.end().toSec() - recording.begin().toSec();
 
   CaseOutput output(folder);
   Steps steps(plan.captures.size() + plan.shifts.size(), output);
@@ -114,8 +115,9 @@ void run(const Options& options) {
       std::string remarks;
       const StageRecord record = capturer.capture(planned, remarks);
       output.store().add(record);
+      for (const std::string& warning : record.info.warnings) remarks += "; WARNING: " + warning;
       return "stage '" + planned.key + "': pair at " +
-             std::to_string((record.info.stamp - recording.bag().begin()).toSec()) + " s, " +
+             std::to_string(record.info.stamp.toSec() - recording.begin().toSec()) + " s, " +
              std::to_string(record.info.valid_points) + " points" + remarks;
     });
   FirstNormal first_normal;

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "cortshift_stereo/provenance.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/offline/case_output.hpp"
 #include "cortshift_tracking/offline/recomputation.hpp"
@@ -93,16 +94,24 @@ void run(const Options& options) {
 
   std::printf("%-44s %9s %9s %9s  %10s %10s\n%-44s %9s %9s %9s  %10s %10s\n", "", "points", "points", "points",
               "change mm", "change mm", "", "before", "after", "in both", "median", "largest");
+  const std::string configuration = parameters.configuration();
+  parameters.tracker.shift.configuration = cortshift_stereo::sha256(configuration);  // average_pairs is another one
+  const auto printProvenance = [](const cortshift_msgs::Provenance& before, const cortshift_msgs::Provenance& after) {
+    const std::string changed = changedProvenance(before, after);
+    std::printf("%-44s %s\n", "", changed.empty() ? "same software, configuration and calibration" : changed.c_str());
+  };
   cortshift_stereo::PairReconstruction reconstruct(parameters.reconstruction);
   for (const fs::path& path : files.stages) {
     attempt(path.filename().string(), [&] {
       const StageRecord stored = stageFromBag(path);
-      const StageRecord made = remakeStage(stored, reconstruct);
+      const StageRecord made = remakeStage(stored, configuration, reconstruct);
       output.store().add(made);
       const cv::Mat before = cortshift_stereo::surfaceFromPointCloud2(*stored.surface).points;
       const cv::Mat after = cortshift_stereo::surfaceFromPointCloud2(*made.surface).points;
       if (before.size() != after.size()) throw TrackingError("its surface has another size now; compare it by eye");
       printChange("stage " + stored.info.key, changeOf(before, after));
+      printProvenance(stored.info.provenance, made.info.provenance);
+      printWarnings(made.info.warnings);
     });
     advance();
   }
@@ -126,6 +135,9 @@ void run(const Options& options) {
                     after.cols, after.rows);
       std::printf("%-44s mean magnitude %.4f mm, now %.4f mm\n", "", 1e3 * stored.summary.magnitude_mean,
                   1e3 * made.result.summary.magnitude.mean);
+      printProvenance(stored.provenance,
+                      toMessage(made.result.field, made.result.summary, made.from, made.to).provenance);
+      printWarnings(made.result.summary.warnings);
     });
     advance();
   }

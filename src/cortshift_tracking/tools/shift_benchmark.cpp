@@ -8,6 +8,7 @@
 #include <exception>
 #include <memory>
 #include <opencv2/imgcodecs.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,12 +26,14 @@ using namespace cortshift_stereo_phantom;
 using namespace cortshift_tracking;
 
 constexpr const char* kUsage =
-    "usage: shift_benchmark CASE.yaml [CASE.yaml ...] [--from-first] [--exact] [--resolution M] [--channels C]\n"
-    "                       [--threads N] [--repeat N] [--pictures DIR]\n"
+    "usage: shift_benchmark CASE.yaml [CASE.yaml ...] [--from-first] [--to STAGE] [--head SEED] [--exact]\n"
+    "                       [--resolution M] [--channels C] [--threads N] [--repeat N] [--pictures DIR]\n"
     "Every stage of phantom cases against the ones after it, as a Markdown table: 3D error and coverage with the\n"
     "confidence gate and without (gated | ungated), seconds of each step; then closure, how often vectors of some\n"
     "confidence are right, and memory.\n"
     "  --from-first    only the shifts from the first stage of each case\n"
+    "  --to STAGE      only the shifts that end at this stage; may stand more than once\n"
+    "  --head SEED     another head: other vessels, gyri and tissue (head.seed of each case)\n"
     "  --exact         exact surfaces in place of reconstructed ones: the error of tracking alone\n"
     "  --resolution M  of the projection grid [m], 0.0001 if not given\n"
     "  --channels C    what the flow sees: auto, rgb, green, blue or luminance\n"
@@ -42,6 +45,8 @@ constexpr const char* kUsage =
 struct Options {
   std::vector<std::string> case_paths;
   std::string pictures;
+  std::vector<std::string> to;  ///< stages; empty: all
+  std::optional<std::uint32_t> head;
   bool exact = false, from_first = false;
   int repeat = 1;
   ShiftSettings shift;
@@ -64,6 +69,10 @@ bool parse(int argc, char** argv, Options& out) {
         out.shift.setThreads(std::atoi(argv[i]));
       else if (name == "--repeat")
         out.repeat = std::max(1, std::atoi(argv[i]));
+      else if (name == "--to")
+        out.to.emplace_back(argv[i]);
+      else if (name == "--head")
+        out.head = static_cast<std::uint32_t>(std::atoi(argv[i]));
       else if (name == "--pictures")
         out.pictures = argv[i];
       else
@@ -135,18 +144,38 @@ void writePictures(const ShiftResult& result, const Directions& directions, cons
   cv::imwrite(base + "_lateral.png", lateralMap(result.field, directions.first_normal_pmr));
 }
 
+/// The case, named after what the options change of it.
+PhantomCase caseOf(const std::string& path, const Options& options) {
+  PhantomCase description = loadPhantomCase(path);
+  if (options.head) {
+    description.head.seed = *options.head;
+    description.name += " (head " + std::to_string(*options.head) + ")";
+  }
+  if (options.exact) description.name += " (exact surfaces)";
+  if (options.shift.frame.resolution != ShiftSettings().frame.resolution)
+    description.name += cv::format(" (%g mm grid)", 1e3 * options.shift.frame.resolution);
+  return description;
+}
+
 cortshift_tracking_phantom::Reliability run(const std::string& case_path, const Options& options) {
   using cortshift_tracking_phantom::compareWithTruth;
-  const auto scene = std::make_shared<const PhantomScene>(loadPhantomCase(case_path));
+  const auto scene = std::make_shared<const PhantomScene>(caseOf(case_path, options));
   PhantomPairs pairs(scene);
-  std::vector<cortshift_stereo::Surface> surfaces;
-  for (int stage = 0; stage < scene->stageCount(); ++stage) surfaces.push_back(seen(pairs, stage, options.exact));
+  const auto wanted = [&](int stage) {
+    const std::string& name = scene->description().stages[static_cast<std::size_t>(stage)].name;
+    return options.to.empty() || std::find(options.to.begin(), options.to.end(), name) != options.to.end();
+  };
+  std::vector<cortshift_stereo::Surface> surfaces(static_cast<std::size_t>(scene->stageCount()));
+  for (int stage = 0; stage < scene->stageCount(); ++stage)
+    if (stage == 0 || !options.from_first || wanted(stage))
+      surfaces[static_cast<std::size_t>(stage)] = seen(pairs, stage, options.exact);
   const Directions directions{averageNormal(surfaces[0]), scene->description().gravity_pmr};
   std::vector<DisplacementField> consecutive;
   DisplacementField direct;
   cortshift_tracking_phantom::Reliability reliability;
   for (int from = 0; from < (options.from_first ? 1 : scene->stageCount()); ++from)
     for (int to = from + 1; to < scene->stageCount(); ++to) {
+      if (!wanted(to)) continue;
       const auto name = [&](int stage) { return scene->description().stages[static_cast<std::size_t>(stage)].name; };
       const auto at = [&](int stage) { return surfaces[static_cast<std::size_t>(stage)]; };
       const ShiftResult result = timed(at(from), at(to), directions, options);
@@ -174,21 +203,24 @@ cortshift_tracking_phantom::Reliability run(const std::string& case_path, const 
   std::printf("\n%s: surfaces of %d x %d points, %d of the first stage valid; grid %d x %d\n\n",
               scene->description().name.c_str(), surfaces[0].size().width, surfaces[0].size().height,
               pointsOf(surfaces[0]), direct.frame.size.width, direct.frame.size.height);
-  if (consecutive.size() > 1 && !options.from_first) {
+  if (consecutive.size() > 1 && !options.from_first && options.to.empty()) {
     const Closure closure = closureOf(consecutive, direct);
-    std::printf(
-        "\n%s: closure of the consecutive shifts against first → last: median %.4f mm, 95 %% %.4f mm, %zu points\n\n",
-        scene->description().name.c_str(), 1e3 * closure.median, 1e3 * closure.p95, closure.points);
+    std::printf("| closure of the consecutive shifts | median mm | 95 %% mm | points |\n| --- | --- | --- | --- |\n");
+    std::printf("| %s | %.4f | %.4f | %zu |\n\n", scene->description().name.c_str(), 1e3 * closure.median,
+                1e3 * closure.p95, closure.points);
   }
   return reliability;
 }
 
-void print(const cortshift_tracking_phantom::Reliability& reliability) {
-  std::printf("\n| confidence | right to 0.25 mm | vectors |\n| --- | --- | --- |\n");
-  for (const auto& bin : reliability.bins) {
+/// How often vectors of a confidence are right: a row for each tenth of the confidence.
+void print(const cortshift_tracking_phantom::Reliability& reliability, const std::string& of) {
+  std::printf("\n| vectors of | confidence | right to 0.25 mm | vectors |\n| --- | --- | --- | --- |\n");
+  for (std::size_t i = 0; i < reliability.bins.size(); ++i) {
+    const auto& bin = reliability.bins[i];
     if (bin.vectors == 0) continue;
     const auto vectors = static_cast<double>(bin.vectors);
-    std::printf("| %.3f | %.3f | %zu |\n", bin.confidence / vectors, static_cast<double>(bin.right) / vectors,
+    std::printf("| %s, %.1f to %.1f | %.3f | %.3f | %zu |\n", of.c_str(), 0.1 * static_cast<double>(i),
+                0.1 * static_cast<double>(i + 1), bin.confidence / vectors, static_cast<double>(bin.right) / vectors,
                 bin.vectors);
   }
 }
@@ -198,12 +230,16 @@ void runAll(const Options& options) {
       "| shift | length mm | error mm: median / 95 %% / max | coverage | foreign | ungated: error mm | coverage | "
       "foreign | s = projection + flow + inversion |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
   cortshift_tracking_phantom::Reliability reliability;
-  for (const std::string& case_path : options.case_paths) reliability += run(case_path, options);
-  print(reliability);
+  std::string names;
+  for (const std::string& case_path : options.case_paths) {
+    reliability += run(case_path, options);
+    names += (names.empty() ? "" : ", ") + caseOf(case_path, options).name;
+  }
+  print(reliability, names);
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
-  std::printf("\npeak memory %.0f MB, all stages and the phantom included\n",
-              static_cast<double>(usage.ru_maxrss) / 1024);
+  std::printf("\n| peak memory, all surfaces and the phantom included | MB |\n| --- | --- |\n| %s | %.0f |\n",
+              names.c_str(), static_cast<double>(usage.ru_maxrss) / 1024);
 }
 
 }  // namespace

@@ -19,18 +19,21 @@ constexpr const char* kHelp =
     R"(validate_bag CASE.bag [--config FOLDER] [--settings-calibration FOLDER] [--static-tf FILE]
 
 Say what a recorded case holds, what of the contract it lacks, how far apart the images of its pairs are, where tracking
-has gaps, whether its calibration makes sense, and when stages can be captured. Reads no image.
+has gaps, whether its calibration makes sense, when stages can be captured, and what process_bag would warn of or refuse:
+the same judgement without the computation. Reads images only where raw and compressed ones must agree.
 
   --config FOLDER   surface_reconstruction.yaml and shift_tracker.yaml; by default the workspace's config/
   --settings-calibration FOLDER  what calibrate_settings wrote, for other settings than the reference
   --static-tf FILE  YAML file of transforms that the bag's /tf_static lacks, as for publish_static_tf
 
-Exit: 0 stages can be captured, 1 none can or the bag cannot be read, 2 bad usage.
+Exit: 0 stages can be captured; 1 none can, something contradicts itself so that process_bag refuses it, or the bag cannot
+be read; 2 bad usage. A tracker that loses the tool for a while is no reason.
 )";
 
-void printContents(const BagFile& bag) {
+void printContents(const CaseRecording& recording) {
+  const BagFile& bag = recording.bag();
   std::printf("%s: %.1f MB, %.1f s from %.3f", bag.path().c_str(), 1e-6 * static_cast<double>(bag.size()),
-              (bag.end() - bag.begin()).toSec(), bag.begin().toSec());
+              recording.end().toSec() - recording.begin().toSec(), recording.begin().toSec());
   for (const auto& [compression, chunks] : bag.compressions())
     std::printf(", %llu chunks %s", static_cast<unsigned long long>(chunks),
                 compression == "none" ? "not compressed" : compression.c_str());
@@ -71,7 +74,7 @@ void printOffsets(const std::vector<double>& offsets) {
 void printEdges(const std::vector<EdgeCheck>& edges, double max_gap) {
   std::printf("\nposes on /tf (max_pose_gap %.3f s)\n", max_gap);
   for (const EdgeCheck& edge : edges) {
-    const double span = (edge.last - edge.first).toSec();
+    const double span = edge.last.toSec() - edge.first.toSec();
     std::printf("  %-28s %8zu samples", edge.name.c_str(), edge.samples);
     if (span > 0) std::printf(", %.1f Hz", static_cast<double>(edge.samples - 1) / span);
     if (edge.gaps > 0)
@@ -113,19 +116,21 @@ void run(const Options& options) {
   const OfflineParameters parameters = parametersFrom(options);
   const auto opened = recordingFrom(options, parameters);
   const CaseRecording& recording = *opened;
-  printContents(recording.bag());
+  printContents(recording);
   std::fflush(stdout);
-  const double length = (recording.bag().end() - recording.bag().begin()).toSec();
+  const double length = recording.end().toSec() - recording.begin().toSec();
   const CaseCheck check =
       checkCase(recording, parameters.reconstruction, cortshift_stereo::progressBar("looking through", length, "s"));
   printList("missing", check.missing);
   printList("warnings", check.warnings);
+  printList("refused", check.contradictions);
   printList("calibration", check.calibration);
   if (!check.image_offsets.empty()) printOffsets(check.image_offsets);
   if (!check.edges.empty()) printEdges(check.edges, parameters.reconstruction.max_pose_gap);
   printPairs(check);
   std::fflush(stdout);
   if (check.capturable.empty()) throw TrackingError("no stage can be captured from " + recording.bag().path().string());
+  if (!check.contradictions.empty()) throw TrackingError(check.contradictions.front());
 }
 
 }  // namespace

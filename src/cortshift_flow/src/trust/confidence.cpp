@@ -5,6 +5,7 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "cortshift_flow/confidence.hpp"
 #include "cortshift_flow/flow.hpp"
 #include "parallel.hpp"
 #include "polish/spline_grid.hpp"
@@ -68,10 +69,7 @@ cv::Mat1f nodeError(const PolishedFlow& polished, float curvature) {
 
 }  // namespace
 
-double predictedError(double confidence) {
-  return confidence > 0 ? kHalfConfidence * std::sqrt(std::max(0.0, 1 / confidence - 1))
-                        : std::numeric_limits<double>::infinity();
-}
+double predictedError(double confidence) { return errorOfConfidence(confidence, kHalfConfidence); }
 
 cv::Mat1f predictError(const Level& level, const FlowPlanes& flow, const cv::Mat1b& visible,
                        const PolishedFlow& polished, float curvature, float suspect, int threads) {
@@ -106,7 +104,7 @@ cv::Mat1f confidenceFromError(const cv::Mat1f& error, int l, cv::Size size, int 
     for (int y = begin; y < end; ++y)
       for (int x = 0; x < size.width; ++x) {
         const float ratio = scale * error(y >> l, x >> l);
-        confidence(y, x) = 1 / (1 + ratio * ratio);
+        confidence(y, x) = confidenceOfSquares(ratio * ratio);
       }
   });
   return confidence;

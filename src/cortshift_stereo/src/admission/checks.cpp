@@ -1,19 +1,15 @@
 #include "cortshift_stereo/admission/checks.hpp"
 
-#include <cstdio>
 #include <stdexcept>
 
+#include "cortshift_flow/text.hpp"
 #include "cortshift_stereo/admission/limits.hpp"
 #include "cortshift_stereo/admission/pair_quality.hpp"
 
 namespace cortshift_stereo {
 namespace {
 
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
-}
+std::string number(double value) { return cortshift_flow::formatted("%.4g", value); }
 
 const char* const kPairDoors = "reconstruction, process_bag, recompute, reconstruct_pair";
 const char* const kRigDoors = "reconstruction, process_bag, recompute, validate_bag";
@@ -39,8 +35,9 @@ Check checkOf(CheckId id) {
               kPairDoors};
     case CheckId::kDefocused:
       return {"defocused", "fine detail over coarse detail in the middle of the image",
-              "at least " + number(pair.min_sharpness) + ", and the detail of the two images alike within a factor of " +
-                  number(pair.max_sharpness_ratio) + "; else refused",
+              "at least " + number(pair.min_sharpness) +
+                  ", and the detail of the two images alike within a factor of " + number(pair.max_sharpness_ratio) +
+                  "; else refused",
               "min_sharpness, max_sharpness_ratio", kPairDoors};
     case CheckId::kRawAndCompressed:
       return {"raw_and_compressed", "a raw and a compressed image of one camera and stamp",
@@ -101,19 +98,24 @@ Check checkOf(CheckId id) {
               "", kRigDoors};
     case CheckId::kPoseStuck:
       return {"pose_stuck", "poses that stay the same bit by bit, and the images meanwhile",
-              "images that stand still as well; else refused", "", kCaptureDoors};
+              "surroundings in the image that stand still as well; else refused", "", "reconstruction, process_bag"};
+    case CheckId::kImageRepeated:
+      return {"image_repeated", "the left image, bit by bit, and the poses meanwhile",
+              "another image where the camera has moved; else refused", "", "reconstruction, process_bag"};
     case CheckId::kPoseMotion:
       return {"pose_motion", "speed of the camera at the exposure", "at most max_speed; else refused", "max_speed",
               kCaptureDoors};
     case CheckId::kRecordTime:
-      return {"record_time", "record time of a pair against its stamp",
-              "less than a period of the pairs apart; else warned of", "", "process_bag, validate_bag"};
+      return {"record_time", "stamp of a pair against the time that it was recorded, or came in, at",
+              "less than a period of the pairs or " + number(ClockLimits::kTransport) +
+                  " s apart, in a running graph " + number(ClockLimits::kLive) + " s; else warned of",
+              "", "reconstruction, process_bag, validate_bag"};
     case CheckId::kAbsurdStamp:
       return {"absurd_stamp", "record time of a message against that of the others",
               "within the recording; else left out and said", "", "process_bag, validate_bag"};
     case CheckId::kSimTime:
       return {"sim_time", "use_sim_time and /clock", "a clock that runs; else warned of", "use_sim_time",
-              "reconstruction, shift_tracker, driver"};
+              "reconstruction, shift_tracker"};
     case CheckId::kDeviceClock:
       return {"device_clock", "a camera's clock against the computer's",
               "no jump; else its map begins anew and it is said", "", "driver"};
@@ -127,6 +129,8 @@ Check checkOf(CheckId id) {
     case CheckId::kNotUnderstood:
       return {"not_understood", "topics of a recording", "listed where nothing that is understood was heard", "",
               "process_bag, validate_bag"};
+    case CheckId::kStatus:
+      return {"status", "/surface/status of the captured surface", "heard; else warned of", "", "shift_tracker"};
     case CheckId::kCount:
       break;
   }

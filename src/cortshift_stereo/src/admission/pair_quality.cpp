@@ -2,18 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/imgproc.hpp>
 #include <vector>
+
+#include "cortshift_flow/text.hpp"
 
 namespace cortshift_stereo {
 namespace {
 
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
+using cortshift_flow::shortNumber;
 
 double standardDeviation(const cv::Mat& image) {
   cv::Scalar mean, deviation;
@@ -98,19 +95,42 @@ Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const
   const std::string image = "The " + side + " image";
   if (quality.contrast < limits.min_contrast)
     found.refuse(CheckId::kBlank, image,
-                 "is blank (contrast " + number(quality.contrast) + " grey levels, at least " +
-                     number(limits.min_contrast) + " are needed)",
+                 "is blank (contrast " + shortNumber(quality.contrast) + " grey levels, at least " +
+                     shortNumber(limits.min_contrast) + " are needed)",
                  "check the light, the exposure and the beam splitter");
   if (quality.saturated_share > limits.max_saturated_share)
     found.refuse(CheckId::kSaturated, image,
-                 "is saturated (" + number(100 * quality.saturated_share) + " % of its pixels, at most " +
-                     number(100 * limits.max_saturated_share) + " % are allowed)",
+                 "is saturated (" + shortNumber(100 * quality.saturated_share) + " % of its pixels, at most " +
+                     shortNumber(100 * limits.max_saturated_share) + " % are allowed)",
                  "lower the exposure or the light");
   if (quality.sharpness < limits.min_sharpness)
     found.refuse(CheckId::kDefocused, image,
-                 "is out of focus (sharpness " + number(quality.sharpness) + ", at least " +
-                     number(limits.min_sharpness) + " is needed)",
+                 "is out of focus (sharpness " + shortNumber(quality.sharpness) + ", at least " +
+                     shortNumber(limits.min_sharpness) + " is needed)",
                  "focus the microscope");
+  return found;
+}
+
+Findings checkSameImage(const cv::Mat& raw, const cv::Mat& decompressed, const std::string& side) {
+  Findings found;
+  const std::string thing = "The raw and the compressed image of the " + side + " camera";
+  const std::string remedy = "two sources publish under one name; stop the one that is wrong";
+  if (raw.size() != decompressed.size()) {
+    found.refuse(CheckId::kRawAndCompressed, thing, "have one stamp and different sizes", remedy);
+    return found;
+  }
+  // Blocks of 8 pixels are what JPEG keeps best: at quality 50 their means stay within 2 grey levels.
+  constexpr double kLoss = 4;  // [grey levels] root mean square
+  cv::Mat a, b, difference;
+  const cv::Size blocks(std::max(1, raw.cols / 8), std::max(1, raw.rows / 8));
+  cv::resize(raw, a, blocks, 0, 0, cv::INTER_AREA);
+  cv::resize(decompressed, b, blocks, 0, 0, cv::INTER_AREA);
+  const double rms = cv::norm(a, b, cv::NORM_L2) / std::sqrt(static_cast<double>(3 * a.total()));
+  if (rms > kLoss)
+    found.refuse(CheckId::kRawAndCompressed, thing,
+                 "have one stamp and differ by " + shortNumber(rms) + " grey levels (compression alone: at most " +
+                     shortNumber(kLoss) + ")",
+                 remedy);
   return found;
 }
 
@@ -120,8 +140,8 @@ Findings checkAlikeSharp(const ImageQuality& left, const ImageQuality& right, co
   const double less = left_worse ? left.detail : right.detail, more = left_worse ? right.detail : left.detail;
   if (more > limits.max_sharpness_ratio * less)
     found.refuse(CheckId::kDefocused, std::string("The ") + (left_worse ? "left" : "right") + " image",
-                 "is blurred against the other one (detail " + number(less) + " against " + number(more) +
-                     ", at most " + number(limits.max_sharpness_ratio) + " times as much is allowed)",
+                 "is blurred against the other one (detail " + shortNumber(less) + " against " + shortNumber(more) +
+                     ", at most " + shortNumber(limits.max_sharpness_ratio) + " times as much is allowed)",
                  "check the focus and the lens of that camera");
   return found;
 }
@@ -135,7 +155,7 @@ constexpr double kDegrees = 180 / CV_PI;
 // calibration leaves of the distortion: warned of, and refused where it is far beyond that.
 constexpr double kDoubtfulTurnY = 0.15 / kDegrees, kMostTurnY = 0.3 / kDegrees;
 
-std::string degrees(double radians) { return number(kDegrees * std::abs(radians)) + " deg"; }
+std::string degrees(double radians) { return shortNumber(kDegrees * std::abs(radians)) + " deg"; }
 
 }  // namespace
 
@@ -152,27 +172,30 @@ RowVerdict judgeRows(const RowAgreement& rows, const PairLimits& limits) {
   constexpr double kPlainlyBetter = 0.5, kLeastGap = 0.5;  // [px]
   if (rows.spread_as_is > kLeastGap && rows.spread_if_swapped < kPlainlyBetter * rows.spread_as_is)
     found.refuse(CheckId::kSwapped, "Left and right",
-                 "are swapped: the rows of the two images agree to " + number(rows.spread_if_swapped) +
-                     " px when exchanged, but to " + number(rows.spread_as_is) + " px as they are",
+                 "are swapped: the rows of the two images agree to " + shortNumber(rows.spread_if_swapped) +
+                     " px when exchanged, but to " + shortNumber(rows.spread_as_is) + " px as they are",
                  "exchange the cables or the topics");
   const std::string images = "The rows of the two images", camera = "The right camera";
   const std::string remedy = "the images are not of one pair, or a camera moved since its calibration; calibrate again";
   if (rows.spread > limits.max_epipolar_residual)
     found.refuse(CheckId::kEpipolar, images,
                  "do not agree (vertical gaps of " + std::to_string(rows.matched) + " points scatter by " +
-                     number(rows.spread) + " px, at most " + number(limits.max_epipolar_residual) + " px is allowed)",
+                     shortNumber(rows.spread) + " px, at most " + shortNumber(limits.max_epipolar_residual) +
+                     " px is allowed)",
                  remedy);
   if (rows.misalignment.surely(kSureSds) > limits.max_misalignment)
-    found.refuse(
-        CheckId::kEpipolar, images,
-        "do not agree: the right camera is turned by " + degrees(std::hypot(rows.turn_x.value, rows.turn_z.value)) +
-            " against its calibration (rows off by " + number(rows.misalignment.value) + " px, standard error " +
-            number(rows.misalignment.sd) + ", at most " + number(limits.max_misalignment) + " px can be taken out)",
-        remedy);
+    found.refuse(CheckId::kEpipolar, images,
+                 "do not agree: the right camera is turned by " +
+                     degrees(std::hypot(rows.turn_x.value, rows.turn_z.value)) +
+                     " against its calibration (rows off by " + shortNumber(rows.misalignment.value) +
+                     " px, standard error " + shortNumber(rows.misalignment.sd) + ", at most " +
+                     shortNumber(limits.max_misalignment) + " px can be taken out)",
+                 remedy);
   if (std::abs(rows.turn_y.surely(kSureSds)) > kMostTurnY)
     found.refuse(CheckId::kEpipolar, camera,
                  "is turned about the vertical axis by " + degrees(rows.turn_y.value) + " (standard error " +
-                     number(kDegrees * rows.turn_y.sd) + " deg) against its calibration, which changes every depth",
+                     shortNumber(kDegrees * rows.turn_y.sd) +
+                     " deg) against its calibration, which changes every depth",
                  remedy);
   // A row that is off by this much shifts a match along a slanting vessel by as much: 0.1 mm at 300 mm.
   constexpr double kWorthIt = 0.15;  // [px]
@@ -184,21 +207,21 @@ Findings warningsOfRows(const RowAgreement& rows, const cv::Vec3d& taken, const 
   Findings found;
   const double turn = cv::norm(taken), focal = model.right.P(1, 1);
   const auto depthError = [&](double by) {
-    return number(1e3 * depth * depth / model.baseline() * std::abs(by)) + " mm";
+    return shortNumber(1e3 * depth * depth / model.baseline() * std::abs(by)) + " mm";
   };
   const std::string camera = "The right camera", remedy = "calibrate again";
   if (turn > 0)
     found.warn(CheckId::kEpipolar, camera,
                "is turned by " + degrees(turn) + " against its calibration (" + degrees(taken[0]) +
-                   " about the horizontal axis, rows off by " + number(focal * std::abs(taken[0])) + " px, and " +
+                   " about the horizontal axis, rows off by " + shortNumber(focal * std::abs(taken[0])) + " px, and " +
                    degrees(taken[2]) + " about the optical axis); this was taken out, but a turn about the vertical " +
                    "axis does not show in the rows, and one as large makes depths wrong by " + depthError(turn),
                remedy);
   if (std::abs(rows.turn_y.surely(kSureSds)) > kDoubtfulTurnY)
     found.warn(CheckId::kEpipolar, camera,
                "seems to be turned about the vertical axis by " + degrees(rows.turn_y.value) + " (standard error " +
-                   number(kDegrees * rows.turn_y.sd) + " deg) against its calibration, which makes depths wrong by " +
-                   depthError(rows.turn_y.value),
+                   shortNumber(kDegrees * rows.turn_y.sd) +
+                   " deg) against its calibration, which makes depths wrong by " + depthError(rows.turn_y.value),
                remedy);
   return found;
 }

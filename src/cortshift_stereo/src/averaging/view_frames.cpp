@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "cortshift_stereo/admission/verdict.hpp"
+
 namespace cortshift_stereo {
 
 bool ViewFrames::agree(const PosedFrame& earlier, const PosedFrame& newest) const {
@@ -31,7 +33,8 @@ ViewFrames::Mean ViewFrames::mean() const {
     const Eigen::Quaterniond q(posed.T_pmr_left.linear());
     rotation += q.coeffs() * (q.dot(newest) < 0 ? -1 : 1);
   }
-  Mean mean{averageFrames(frames, frames_.back().rectifier->model()), Eigen::Isometry3d::Identity()};
+  Mean mean{averageFrames(frames, frames_.back().rectifier->model()), Eigen::Isometry3d::Identity(), {}};
+  for (const PosedFrame& posed : frames_) addWarnings(mean.warnings, posed.warnings);
   mean.T_pmr_left.linear() = Eigen::Quaterniond(rotation.normalized()).toRotationMatrix();
   mean.T_pmr_left.translation() = translation / static_cast<double>(frames_.size());
   return mean;

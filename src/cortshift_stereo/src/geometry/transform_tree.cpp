@@ -41,8 +41,14 @@ TransformTree::Sample TransformTree::makeSample(const std::string& parent, const
 }
 
 void TransformTree::addFixed(const std::string& parent, const std::string& child, const Eigen::Vector3d& translation,
-                             const Eigen::Quaterniond& rotation) {
-  edges_[child].fixed = makeSample(parent, translation, rotation);
+                             const Eigen::Quaterniond& rotation, std::optional<double> when) {
+  constexpr double kAtOnce = 0.3;  // [s] latched messages of several publishers come together
+  Edge& edge = edges_[child];
+  const Sample fixed = makeSample(parent, translation, rotation);
+  const bool another = edge.fixed && !samePose(*edge.fixed, fixed);
+  edge.contradicted = another && when && edge.fixed_since && std::abs(*when - *edge.fixed_since) < kAtOnce;
+  edge.fixed = fixed;
+  edge.fixed_since = when;
 }
 
 void TransformTree::addSample(const std::string& parent, const std::string& child, int64_t stamp_ns,
@@ -84,15 +90,23 @@ std::vector<std::string> TransformTree::chainToRoot(const std::string& frame) co
   return chain;
 }
 
+bool TransformTree::samePose(const Sample& a, const Sample& b) {
+  constexpr double kSame = 1e-6;  // [m], [rad] rounding
+  return a.parent == b.parent && (a.translation - b.translation).norm() <= kSame &&
+         a.rotation.angularDistance(b.rotation) <= kSame;
+}
+
 void TransformTree::refuseSecondSource(const std::string& child, const Edge& edge, int64_t stamp_ns) const {
+  if (edge.contradicted)
+    throw PoseError(Reason::kTwoSources, false,
+                    "edge " + edgeName(edge.fixed->parent, child) +
+                        " came twice on /tf_static at the same time, with two poses: two sources for one frame; stop "
+                        "the one that is wrong");
   if (edge.samples.empty()) return;
   auto near = edge.samples.lower_bound(stamp_ns);
   if (near == edge.samples.end()) --near;
   const Sample &fixed = *edge.fixed, &moving = near->second;
-  constexpr double kSame = 1e-6;  // [m], [rad] rounding; publishers of fixed edges may repeat them on /tf
-  if (fixed.parent == moving.parent && (fixed.translation - moving.translation).norm() <= kSame &&
-      fixed.rotation.angularDistance(moving.rotation) <= kSame)
-    return;
+  if (samePose(fixed, moving)) return;  // publishers of fixed edges may repeat them on /tf
   throw PoseError(Reason::kTwoSources, false,
                   "edge " + edgeName(fixed.parent, child) + " is fixed on /tf_static, and " +
                       edgeName(moving.parent, child) +

@@ -5,6 +5,8 @@
 #include <optional>
 #include <utility>
 
+#include "cortshift_stereo/admission/pair_quality.hpp"
+#include "cortshift_stereo/admission/rig_evidence.hpp"
 #include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 
@@ -22,6 +24,11 @@ std::shared_ptr<const SettingsFields> fieldsOf(const std::string& folder) {
 
 }  // namespace
 
+void requireOneContent(const ImageMessage& image, const std::string& side) {
+  if (image.raw && image.compressed)
+    checkSameImage(bgrFromImage(*image.raw), bgrFromImage(*image.compressed), side).requireAccepted();
+}
+
 bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
   sensor_msgs::CameraInfo other = b;
   other.header = a.header;
@@ -34,7 +41,9 @@ DropReason dropReason(const std::exception& error) {
   if (dynamic_cast<const MessageError*>(&error)) return {"image", "A message cannot be used: " + what + "."};
   if (dynamic_cast<const CalibrationError*>(&error))
     return {"calibration", "The calibration is refused: " + what + "."};
-  if (dynamic_cast<const PoseError*>(&error)) return {"pose", "The pose of the camera is not known: " + what + "."};
+  if (const auto* pose = dynamic_cast<const PoseError*>(&error))
+    return {checkOf(pose->reason() == PoseError::Reason::kTwoSources ? CheckId::kPoseSources : CheckId::kPose).word,
+            "The pose of the camera is not known: " + what + "."};
   return {"internal", "The pair could not be processed: " + what + "."};
 }
 
@@ -46,7 +55,7 @@ PairReconstruction::PairReconstruction(const SurfaceReconstructionParameters& pa
 
 std::shared_ptr<const Rectifier> PairReconstruction::rectifierFor(const PairMessages& pair) {
   calibrate(pair);
-  std::optional<MicroscopeSetting> setting;  // absent means the reference
+  std::optional<MicroscopeSetting> setting;  // judgeKnown has said what absent means
   if (pair.settings) setting = {pair.settings->magnification, pair.settings->focal_length};
   if (setting && !rectifiers_.reference())
     ROS_WARN_STREAM("no reference setting is configured: "
@@ -54,12 +63,48 @@ std::shared_ptr<const Rectifier> PairReconstruction::rectifierFor(const PairMess
   return rectifiers_.at(setting);
 }
 
-PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseAt& pose_at) {
+Findings PairReconstruction::judgeKnown(const PairMessages& pair) const {
+  Findings found = checkStamp(static_cast<int64_t>(pair.stamp.toNSec()));
+  found.add(checkSettingKnown(pair.settings != nullptr, !parameters_.settings_calibration.empty()));
+  found.requireAccepted();
+  return found;
+}
+
+Findings PairReconstruction::judgePose(const PairMessages& pair, const StereoModel& model,
+                                       const PoseSource& poses) const {
+  Findings found;
+  try {
+    found.add(checkStereoEdge(model, poses.at(parameters_.camera_frame, parameters_.right_camera_frame, pair.stamp)));
+  } catch (const PoseError& error) {
+    // tf need not say where the right camera is: camera_info does. What it says twice is refused.
+    if (error.reason() == PoseError::Reason::kTwoSources) throw;
+  }
+  if (poses.judge) found.add(poses.judge(parameters_.map_frame, parameters_.camera_frame, pair.stamp));
+  found.requireAccepted();
+  return found;
+}
+
+Findings PairReconstruction::check(const PairMessages& pair, const PoseSource& poses) {
+  Findings found = judgeKnown(pair);
+  rectifierFor(pair);
+  poses.at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);
+  found.add(judgePose(pair, *stereo_, poses));
+  return found;
+}
+
+PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseSource& poses) {
   PairSurface out;
+  Findings found = judgeKnown(pair);
   out.frame.rectifier = rectifierFor(pair);
-  out.result = reconstruct(decode(pair.left), decode(pair.right), *out.frame.rectifier, parameters_.reconstruction);
+  requireOneContent(pair.left, "left");
+  requireOneContent(pair.right, "right");
+  const cv::Mat left = decode(pair.left);
+  out.result = reconstruct(left, decode(pair.right), *out.frame.rectifier, parameters_.reconstruction);
   out.frame.stamp_ns = static_cast<std::int64_t>(pair.stamp.toNSec());
-  out.frame.T_pmr_left = pose_at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);
+  out.frame.T_pmr_left = poses.at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);
+  found.add(judgePose(pair, *stereo_, poses));
+  views_.add(out.frame.stamp_ns, out.frame.T_pmr_left, left, out.frame.rectifier).requireAccepted();
+  out.frame.warnings = out.warnings = found.warnings();
   out.frame.frame = {out.result.disparity, out.result.surface_left.colour, out.result.surface_left.confidence};
   recent_.add(out.frame);
   out.averaged = recent_.size();
@@ -68,11 +113,18 @@ PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseA
     const ViewFrames::Mean mean = recent_.mean();
     out.result.disparity = mean.result.disparity;
     out.result.surface_left = mean.result.surface_left;
+    out.warnings = mean.warnings;
     T_pmr_surface = mean.T_pmr_left;
   }
   out.surface_map = out.result.surface_left;
   out.surface_map.points = transformPoints(T_pmr_surface, out.result.surface_left.points);
   return out;
+}
+
+void PairReconstruction::remember(const PairMessages& pair, const PoseSource& poses) {
+  const auto rectifier = rectifierFor(pair);
+  views_.add(static_cast<std::int64_t>(pair.stamp.toNSec()),
+             poses.at(parameters_.map_frame, parameters_.camera_frame, pair.stamp), decode(pair.left), rectifier);
 }
 
 void PairReconstruction::calibrate(const PairMessages& pair) {
@@ -83,7 +135,8 @@ void PairReconstruction::calibrate(const PairMessages& pair) {
                     "check that the driver or the bag publishes it");
   if (left_info_ && sameCalibration(*left, *left_info_) && sameCalibration(*right, *right_info_)) return;
   left_info_ = right_info_ = nullptr;
-  rectifiers_.calibrate(stereoModelFromInfo(*left, *right));
+  stereo_ = stereoModelFromInfo(*left, *right);
+  rectifiers_.calibrate(*stereo_);
   left_info_ = left;
   right_info_ = right;
 }

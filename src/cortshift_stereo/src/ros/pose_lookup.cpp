@@ -22,7 +22,7 @@ PoseLookup::~PoseLookup() { spinner_->stop(); }
 void PoseLookup::add(const tf2_msgs::TFMessage& message, bool fixed) {
   const std::lock_guard<std::mutex> lock(mutex_);
   noticeClock();
-  addTransforms(tree_, message, fixed);
+  addTransforms(tree_, message, fixed, ros::Time::now());
   arrived_.notify_all();
 }
 
@@ -49,6 +49,12 @@ Eigen::Isometry3d PoseLookup::lookup(const std::string& target, const std::strin
     }
     arrived_.wait_until(lock, std::min(deadline, std::chrono::steady_clock::now() + slice));
   }
+}
+
+Findings PoseLookup::judge(const std::string& target, const std::string& source, const ros::Time& stamp,
+                           const PoseLimits& limits) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return judgePoses(tree_, target, source, stamp, limits);
 }
 
 }  // namespace cortshift_stereo

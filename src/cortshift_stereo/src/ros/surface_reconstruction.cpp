@@ -2,32 +2,41 @@
 
 #include <stereo_msgs/DisparityImage.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <exception>
 #include <type_traits>
 #include <utility>
 
+#include "cortshift_flow/text.hpp"
+#include "cortshift_stereo/admission/rig_evidence.hpp"
 #include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 
 namespace cortshift_stereo {
 namespace {
 
-std::string text(double value) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%.4g", value);
-  return out;
-}
+std::string text(double value) { return cortshift_flow::formatted("%.4g", value); }
 
-std::string text(const ros::Time& stamp) {
-  char out[32];
-  std::snprintf(out, sizeof out, "%u.%09u", stamp.sec, stamp.nsec);
-  return out;
-}
+std::string text(const ros::Time& stamp) { return cortshift_flow::formatted("%u.%09u", stamp.sec, stamp.nsec); }
 
-constexpr std::chrono::milliseconds kLateSetting{200};  // topics do not overtake one another by more
+constexpr std::size_t kImagesKept = 8;                // of each side: a surface is made within a few periods
+constexpr std::chrono::milliseconds kLateInput{200};  // topics do not overtake one another by more
+
+/// Image topics that somebody publishes and this node does not listen to.
+std::string otherImages(const std::vector<ros::Subscriber>& own) {
+  ros::master::V_TopicInfo topics;
+  std::string others;
+  if (!ros::master::getTopics(topics)) return others;
+  for (const ros::master::TopicInfo& topic : topics) {
+    const bool heard = std::any_of(own.begin(), own.end(), [&](const auto& o) { return o.getTopic() == topic.name; });
+    if (!heard && topic.datatype == ros::message_traits::datatype<sensor_msgs::Image>() &&
+        topic.name.find("/shift/") == std::string::npos)
+      others += (others.empty() ? " Other images that are published: " : ", ") + topic.name;
+  }
+  return others.empty() ? others : others + "; remap them.";
+}
 
 double now() { return ros::WallTime::now().toSec(); }
 
@@ -39,7 +48,7 @@ ros::Subscriber SurfaceReconstruction::subscribe(const std::string& topic, Side 
   return node_.subscribe<Message>(topic, kQueue, [this, side](const boost::shared_ptr<const Message>& message) {
     if constexpr (std::is_same_v<Message, sensor_msgs::CameraInfo>) {
       const std::lock_guard<std::mutex> lock(input_mutex_);
-      infos_[static_cast<std::size_t>(side)] = message;
+      infos_[static_cast<std::size_t>(side)].add(message);
       input_arrived_.notify_all();
     } else if constexpr (std::is_same_v<Message, sensor_msgs::Image>) {
       receive(side, message->header.stamp, {message, nullptr});
@@ -58,6 +67,7 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
       collector_(parameters.average) {
   calibrated_settings_ = reconstruction_.calibratedSettings();
   points_publisher_ = node_.advertise<sensor_msgs::PointCloud2>("surface/points", 2);
+  status_publisher_ = node_.advertise<cortshift_msgs::SurfaceStatus>("surface/status", 8);
   disparity_publisher_ = node_.advertise<stereo_msgs::DisparityImage>("surface/disparity", 2);
   updater_.setHardwareID("none");
   updater_.add("surface", this, &SurfaceReconstruction::diagnose);
@@ -100,6 +110,13 @@ void SurfaceReconstruction::receive(Side side, const ros::Time& stamp, const Ima
   std::optional<Synchroniser::Pair> overtaken;
   {
     const std::lock_guard<std::mutex> lock(input_mutex_);
+    std::map<ros::Time, Received>& images = images_[static_cast<std::size_t>(side)];
+    Received& both = images[stamp];
+    if (image.raw) both.image.raw = image.raw;
+    if (image.compressed) both.image.compressed = image.compressed;
+    if (both.time.isZero()) both.time = ros::Time::now();
+    while (images.size() > kImagesKept)
+      images.erase(images.begin()->first < stamp ? images.begin() : std::prev(images.end()));
     std::optional<Synchroniser::Pair> pair =
         synchroniser_.add(side, static_cast<int64_t>(stamp.toNSec()), image, now());
     if (!pair) return;
@@ -142,13 +159,22 @@ void SurfaceReconstruction::work() {
 }
 
 void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::Time& stamp) {
-  const auto pose_at = [this](const std::string& target, const std::string& source, const ros::Time& time) {
-    return poses_.lookup(target, source, time, ros::WallDuration(parameters_.pose_timeout));
-  };
-  const PairSurface surface = reconstruct(gather(pair, stamp), pose_at);
+  const PoseSource poses(
+      [this](const std::string& target, const std::string& source, const ros::Time& time) {
+        // Once the camera's pose is known, all that never moves has come as well.
+        const bool of_the_rig = target == parameters_.camera_frame;
+        return poses_.lookup(target, source, time, ros::WallDuration(of_the_rig ? 0 : parameters_.pose_timeout));
+      },
+      [this](const std::string& target, const std::string& source, const ros::Time& time) {
+        return poses_.judge(target, source, time, parameters_.poses);
+      });
+  const PairSurface surface = reconstruct(gather(pair, stamp), poses);
+  requireOneContent(stamp);
   std_msgs::Header header;
   header.stamp = stamp;
   header.frame_id = parameters_.map_frame;
+  const cortshift_msgs::SurfaceStatus status = statusOf(header, surface.warnings);
+  status_publisher_.publish(status);
   points_publisher_.publish(toPointCloud2(surface.surface_map, header));
   if (disparity_publisher_.getNumSubscribers() > 0) {
     header.frame_id = parameters_.camera_frame;
@@ -163,9 +189,41 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
     last_surface_stamp_ = stamp;
     last_seconds_ = surface.result.seconds;
     last_averaged_ = surface.averaged;
+    last_warnings_ = status.warnings;
   }
   publishDiagnostics();
   collector_.offer(surface.frame);
+}
+
+cortshift_msgs::SurfaceStatus SurfaceReconstruction::statusOf(const std_msgs::Header& header,
+                                                              const std::vector<std::string>& warnings) {
+  cortshift_msgs::SurfaceStatus status;
+  status.header = header;
+  status.warnings = warnings;
+  status.parameters = parameters_.effective();
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    for (const auto& images : images_)
+      if (const auto found = images.find(header.stamp); found != images.end())
+        status.received = std::max(status.received, found->second.time);
+  }
+  if (!status.received.isZero())
+    addWarnings(status.warnings, checkLag("The stamp of the pair", status.received.toSec() - header.stamp.toSec(),
+                                          ClockLimits::kLive, "arrival in this node")
+                                     .warnings());
+  return status;
+}
+
+void SurfaceReconstruction::requireOneContent(const ros::Time& stamp) {
+  ImageMessage images[2];
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    for (std::size_t side = 0; side < 2; ++side)
+      if (const auto found = images_[side].find(stamp); found != images_[side].end())
+        images[side] = found->second.image;
+  }
+  cortshift_stereo::requireOneContent(images[0], "left");
+  cortshift_stereo::requireOneContent(images[1], "right");
 }
 
 bool SurfaceReconstruction::averagePairs(cortshift_msgs::AveragePairs::Request& request,
@@ -180,6 +238,7 @@ bool SurfaceReconstruction::averagePairs(cortshift_msgs::AveragePairs::Request& 
     header.stamp.fromNSec(static_cast<uint64_t>(gathered.last_stamp_ns));
     header.frame_id = parameters_.map_frame;
     response.surface = toPointCloud2(mean.result.surface_left, header);
+    response.status = statusOf(header, mean.warnings);
     response.success = true;
     response.message = "mean of " + std::to_string(gathered.frames.size()) + " pairs";
     if (gathered.offered > gathered.frames.size())
@@ -198,23 +257,23 @@ bool SurfaceReconstruction::averagePairs(cortshift_msgs::AveragePairs::Request& 
   return true;
 }
 
-PairSurface SurfaceReconstruction::reconstruct(PairMessages messages, const PoseAt& pose_at) {
+PairSurface SurfaceReconstruction::reconstruct(PairMessages messages, const PoseSource& poses) {
   while (true) {
     std::optional<PairSurface> surface;
     std::exception_ptr refusal;
     try {
-      surface = reconstruction_(messages, pose_at);
+      surface = reconstruction_(messages, poses);
     } catch (...) {
       refusal = std::current_exception();
     }
-    const auto setting_changed = [&] { return settings_.at(messages.stamp) != messages.settings; };
     std::unique_lock<std::mutex> lock(input_mutex_);
-    if (refusal) input_arrived_.wait_for(lock, kLateSetting, [&] { return stop_ || setting_changed(); });
-    if (stop_ || !setting_changed()) {
+    bool changed = refresh(messages);
+    if (refusal)
+      input_arrived_.wait_for(lock, kLateInput, [&] { return stop_ || changed || (changed = refresh(messages)); });
+    if (stop_ || !changed) {
       if (refusal) std::rethrow_exception(refusal);
       return *surface;
     }
-    messages.settings = settings_.at(messages.stamp);
   }
 }
 
@@ -222,8 +281,21 @@ PairMessages SurfaceReconstruction::gather(const Synchroniser::Pair& pair, const
   std::unique_lock<std::mutex> lock(input_mutex_);
   const auto deadline =
       std::chrono::steady_clock::now() + std::chrono::duration<double>(parameters_.calibration_timeout);
-  input_arrived_.wait_until(lock, deadline, [this] { return stop_ || (infos_[0] && infos_[1]); });
-  return {stamp, pair.left, pair.right, infos_[0], infos_[1], settings_.at(stamp)};
+  input_arrived_.wait_until(lock, deadline, [this] { return stop_ || !(infos_[0].empty() || infos_[1].empty()); });
+  PairMessages messages{stamp, pair.left, pair.right, {}, {}, {}};
+  refresh(messages);
+  return messages;
+}
+
+bool SurfaceReconstruction::refresh(PairMessages& messages) const {
+  const auto same = [](const sensor_msgs::CameraInfoConstPtr& a, const sensor_msgs::CameraInfoConstPtr& b) {
+    return a && b ? sameCalibration(*a, *b) : a == b;
+  };
+  const PairMessages before =
+      std::exchange(messages, {messages.stamp, messages.left, messages.right, infos_[0].at(messages.stamp),
+                               infos_[1].at(messages.stamp), settings_.at(messages.stamp)});
+  return !same(before.left_info, messages.left_info) || !same(before.right_info, messages.right_info) ||
+         before.settings != messages.settings;
 }
 
 void SurfaceReconstruction::drop(const DropReason& why, const ros::Time& stamp) {
@@ -245,12 +317,20 @@ void SurfaceReconstruction::publishDiagnostics() {
 void SurfaceReconstruction::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
   using diagnostic_msgs::DiagnosticStatus;
   const std::lock_guard<std::mutex> lock(status_mutex_);
-  if (last_pair_dropped_)
+  const std::string clock = clock_.trouble();
+  if (!clock.empty())
+    status.summary(DiagnosticStatus::WARN, clock);
+  else if (last_pair_dropped_)
     status.summary(DiagnosticStatus::WARN, last_drop_->why.message);
   else if (surfaces_published_ == 0)
-    status.summary(DiagnosticStatus::WARN, "No stereo pair has arrived yet: check the image topics.");
+    status.summary(DiagnosticStatus::WARN,
+                   "No stereo pair has arrived yet: check the image topics." + otherImages(subscribers_));
+  else if (!last_warnings_.empty())
+    status.summary(DiagnosticStatus::WARN, "The last pair gave a surface with a warning. " + last_warnings_.front());
   else
     status.summary(DiagnosticStatus::OK, "The last pair gave a surface.");
+  if (!clock.empty()) ROS_WARN_STREAM_THROTTLE(30, clock);
+  for (const std::string& warning : last_warnings_) status.add("warning", warning);
   status.add("last_drop_reason", last_drop_ ? last_drop_->why.reason + ": " + last_drop_->why.message : "");
   status.add("last_drop_stamp", last_drop_ ? text(last_drop_->stamp) : "");
   status.add("last_surface_stamp", surfaces_published_ > 0 ? text(last_surface_stamp_) : "");

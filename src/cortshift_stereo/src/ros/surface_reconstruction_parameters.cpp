@@ -17,9 +17,11 @@ template <typename Reader, typename Parameters>
 void each(Reader& reader, Parameters& p) {
   reader.choice("map_frame", p.map_frame);
   reader.choice("camera_frame", p.camera_frame);
+  reader.choice("right_camera_frame", p.right_camera_frame);
   reader.number("sync_tolerance", p.sync_tolerance, 0.0, 0.1);
   reader.number("pair_timeout", p.pair_timeout, 0.05, 10.0);
   reader.number("max_pose_gap", p.max_pose_gap, 0.001, 2.0);
+  reader.number("tracker_jitter", p.poses.tracker_jitter, 0.00001, 0.01);
   reader.number("pose_timeout", p.pose_timeout, 0.0, 10.0);
   reader.number("calibration_timeout", p.calibration_timeout, 0.0, 10.0);
   reader.choice("settings_calibration", p.settings_calibration);

@@ -71,5 +71,47 @@ TEST(Matching, edgesOfDepthAreWhereTheImageHasThem) {
   EXPECT_GT(room.known(settled), room.known(plain) - 0.01);
 }
 
+/// A wall with poles before it, wide enough that a smooth scene is matched at half resolution.
+cv::Mat matchedWithPoles(int poles) {
+  const cv::Size size(800, 320);
+  const auto texture = [&](uint64_t seed) {
+    cv::Mat grains(size, CV_32FC1), out;
+    cv::RNG random(seed);
+    random.fill(grains, cv::RNG::NORMAL, 0, 60);
+    cv::GaussianBlur(grains, grains, {}, 2.4);
+    grains.convertTo(out, CV_8U, 2, 100);
+    return out;
+  };
+  const cv::Mat wall = texture(3), pole = texture(4);
+  cv::Mat left = wall.clone(), right(size, CV_8UC1);
+  for (int y = 0; y < size.height; ++y)
+    for (int x = 0; x < size.width; ++x)
+      right.at<uint8_t>(y, x) = wall.at<uint8_t>(y, std::min(x + kWall, size.width - 1));
+  for (int i = 0; i < poles; ++i) {
+    const cv::Rect at(60 + 180 * i, 20, 90, 280);
+    pole(at).copyTo(left(at));
+    pole(at).copyTo(right(at - cv::Point(kCard, 0)));
+  }
+  return matchByStructure(left, right, kRange);
+}
+
+/// Each value stands in a block of 2 x 2, as after a match at half resolution.
+bool atHalfResolution(const cv::Mat& disparity) {
+  for (int y = 0; y < disparity.rows; y += 2)
+    for (int x = 0; x < disparity.cols; x += 2) {
+      const float d = disparity.at<float>(y, x);
+      for (const float other : {disparity.at<float>(y, x + 1), disparity.at<float>(y + 1, x)})
+        if (!(d == other || (std::isnan(d) && std::isnan(other)))) return false;
+    }
+  return true;
+}
+
+// One pole makes steps beside 0.35 % of the pixels of the half image, two 0.7 %; the limit is 0.5 %.
+TEST(Matching, aSceneWithManyEdgesIsMatchedAtFullResolution) {
+  EXPECT_TRUE(atHalfResolution(matchedWithPoles(0)));
+  EXPECT_TRUE(atHalfResolution(matchedWithPoles(1)));
+  EXPECT_FALSE(atHalfResolution(matchedWithPoles(2)));
+}
+
 }  // namespace
 }  // namespace cortshift_stereo

@@ -255,8 +255,3 @@ TEST(PhantomMicroscope, theSetsDoNotShareTheirPicturesPosesOrSeeds) {
 
 }  // namespace
 }  // namespace cortshift_stereo_phantom
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

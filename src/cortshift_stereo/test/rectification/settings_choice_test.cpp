@@ -1,5 +1,6 @@
 // Which rectification a setting gets, which setting a pair has, and the gathering of pairs for a mean; no master
 // needed.
+#include <cortshift_msgs/MicroscopeSettings.h>
 #include <gmock/gmock.h>
 
 #include <boost/make_shared.hpp>
@@ -10,7 +11,7 @@
 #include "analytic_scene.hpp"
 #include "cortshift_stereo/averaging/frame_collector.hpp"
 #include "cortshift_stereo/rectification/rectifier_selector.hpp"
-#include "cortshift_stereo/ros/settings_history.hpp"
+#include "cortshift_stereo/ros/stamped_history.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -127,8 +128,8 @@ cortshift_msgs::MicroscopeSettingsConstPtr change(double seconds, double magnifi
   return message;
 }
 
-TEST(SettingsHistory, aPairHasTheSettingThatWasInForceWhenItWasTaken) {
-  SettingsHistory history;
+TEST(StampedHistory, aPairHasTheSettingThatWasInForceWhenItWasTaken) {
+  StampedHistory<cortshift_msgs::MicroscopeSettings> history;
   EXPECT_FALSE(history.at(ros::Time(1)));
   history.add(change(10, 1));
   history.add(change(20, 2));

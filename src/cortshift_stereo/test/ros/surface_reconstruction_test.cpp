@@ -87,8 +87,9 @@ class Theatre {
       compressed_[side].publish(image);
     }
   }
-  void sendInfos(const StereoModel& model) {
+  void sendInfos(const StereoModel& model, const ros::Time& since = ros::Time()) {
     std_msgs::Header header;
+    header.stamp = since;
     header.frame_id = "left_optical";
     infos_[0].publish(toCameraInfo(model.left, header));
     infos_[1].publish(toCameraInfo(model.right, header));
@@ -286,6 +287,53 @@ TEST_F(SurfaceReconstructionTest, aBadCalibrationIsRefused) {
   theatre->waitFor([] { return false; }, 0.3);
   expectReason(dropOfPair(left, right), "calibration", "not a rotation");
   theatre->sendInfos(scene.model());
+  theatre->waitFor([] { return false; }, 0.3);
+}
+
+/// Distances of the points from the camera [m], where both clouds have one: how many times the first's the second's
+/// are.
+double scaleBetween(const sensor_msgs::PointCloud2& first, const sensor_msgs::PointCloud2& second) {
+  const Surface a = surfaceFromPointCloud2(first), b = surfaceFromPointCloud2(second);
+  const Eigen::Vector3d camera = Theatre::T_pmr_left().translation();
+  const auto distance = [&](const cv::Vec3f& p) { return (Eigen::Vector3d(p[0], p[1], p[2]) - camera).norm(); };
+  double sum = 0;
+  int count = 0;
+  for (int y = 0; y < a.points.rows; ++y)
+    for (int x = 0; x < a.points.cols; ++x) {
+      const auto &p = a.points.at<cv::Vec3f>(y, x), &q = b.points.at<cv::Vec3f>(y, x);
+      if (std::isnan(p[0]) || std::isnan(q[0])) continue;
+      sum += distance(q) / distance(p);
+      ++count;
+    }
+  return sum / count;
+}
+
+TEST_F(SurfaceReconstructionTest, theCalibrationInForceAtThePairCounts) {
+  StereoModel wider = scene.model();
+  wider.right.P(0, 3) *= 1.1;  // every point is 1.1 times as far
+  const ros::Time before = theatre->nextStamp(), after = theatre->nextStamp(), late = theatre->nextStamp();
+  theatre->sendInfos(scene.model(), before - ros::Duration(0.5));
+  theatre->sendInfos(wider, after - ros::Duration(0.5));
+  theatre->waitFor([] { return false; }, 0.3);
+  const auto surfaceAt = [&](const ros::Time& stamp) {
+    theatre->sendPosesAround(stamp);
+    theatre->sendImages(stamp, stamp, left, right);
+    return theatre->cloudAt(stamp);
+  };
+  const auto old_calibration = surfaceAt(before), new_calibration = surfaceAt(after);
+  ASSERT_TRUE(old_calibration && new_calibration) << theatre->message_;
+  EXPECT_NEAR(scaleBetween(*old_calibration, *new_calibration), 1.1, 1e-4);
+
+  // One that comes after the pair that it holds for. The pose that the pair waits for comes last.
+  theatre->sendImages(late, late, left, right);
+  theatre->waitFor([] { return false; }, 0.3);
+  theatre->sendInfos(scene.model(), late);
+  theatre->waitFor([] { return false; }, 0.3);
+  theatre->sendPosesAround(late);
+  const auto back = theatre->cloudAt(late);
+  ASSERT_TRUE(back) << theatre->message_;
+  EXPECT_NEAR(scaleBetween(*old_calibration, *back), 1.0, 1e-4);
+  theatre->sendInfos(scene.model());  // at no time, for the tests after this one
   theatre->waitFor([] { return false; }, 0.3);
 }
 

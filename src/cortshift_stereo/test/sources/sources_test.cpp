@@ -34,6 +34,39 @@ TEST(ClockMap, FindsOffsetAndDriftUnderTheJitter) {
   EXPECT_EQ(map.samples(), 600u);
 }
 
+// The camera's clock is set: 2 s back, 0.2 s back (less than the time between two images), and 2 s forward.
+TEST(ClockMap, BeginsAnewWhereTheCamerasClockIsSet) {
+  for (const double jump : {-2.0, -0.2, 2.0}) {
+    ClockMap map;
+    int noticed = 0;
+    double told = 0;
+    for (int i = 0; i < 200; ++i) {
+      const double time = 0.25 * i, device = 1000 + time + (i >= 100 ? jump : 0);
+      const double said = map.add(fromSeconds(device), fromSeconds(5000 + time + 0.020));
+      if (said != 0) {
+        ++noticed;
+        told = said;
+        EXPECT_LE(i, 105) << jump;
+      }
+      if (i < 100 || i >= 105) {
+        EXPECT_NEAR(toSeconds(map.toHost(fromSeconds(device))), 5000 + time + 0.020, 0.001) << jump << ", image " << i;
+      }
+    }
+    EXPECT_EQ(noticed, 1) << jump;
+    EXPECT_NEAR(told, jump, 0.001);
+  }
+}
+
+TEST(ClockMap, ANetworkThatIsSlowForAWhileIsNoJump) {
+  std::mt19937 random(5);
+  std::exponential_distribution<double> jitter(1 / 0.15);
+  ClockMap map;
+  for (int i = 0; i < 2000; ++i) {
+    const double time = 0.1 * i;
+    EXPECT_EQ(map.add(fromSeconds(time), fromSeconds(time + 0.005 + (i / 50 % 2 == 0 ? 0 : jitter(random)))), 0) << i;
+  }
+}
+
 TEST(ClockMap, OneSampleIsItsOwnArrival) {
   ClockMap map;
   map.add(Stamp(500), Stamp(1700000000123456789));
@@ -161,7 +194,7 @@ TEST_F(FolderSourceTest, RefusesWhatIsNoPair) {
   pairs.fire();
   write("left9.png", 1);
   EXPECT_THROW(FolderSource(path(), false, calibration_, [] { return Stamp(1); }), std::invalid_argument);
-  EXPECT_THROW(FolderSource("/nonexistent", false, calibration_, [] { return Stamp(1); }), std::invalid_argument);
+  EXPECT_THROW(FolderSource(path() + "/none", false, calibration_, [] { return Stamp(1); }), std::invalid_argument);
 }
 
 }  // namespace

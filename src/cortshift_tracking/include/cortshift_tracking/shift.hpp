@@ -27,6 +27,7 @@ struct ShiftSettings {
   bool with_own_points = false;  ///< fills the result's own points
   bool with_strain = false;      ///< fills the field's strains
   StrainSettings strain;
+  std::string configuration;  ///< hash of all parameters in force, for the summary; empty: not known
 
   /// @throws TrackingError naming the setting, its value and the allowed range.
   void validate() const;

@@ -9,15 +9,15 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
-
-#include "cortshift_tracking/error.hpp"
+#include <new>
 
 namespace cortshift_tracking {
 namespace {
 
+template <typename Error = TrackingError>
 [[noreturn]] void fail(const std::string& action, const std::filesystem::path& path, int error) {
-  throw TrackingError("cannot " + action + " " + path.string() + ": " + std::strerror(error) +
-                      "; check that the disk has room and the folder may be written");
+  throw Error("cannot " + action + " " + path.string() + ": " + std::strerror(error) +
+              "; check that the disk is there, has room and may be read and written");
 }
 
 class FileDescriptor {
@@ -67,11 +67,14 @@ void renameWithoutReplacing(const std::filesystem::path& from, const std::filesy
   if (::rename(from.c_str(), to.c_str()) != 0) fail("rename " + from.string() + " to", to, errno);
 }
 
-}  // namespace
+void renameAndReplace(const std::filesystem::path& from, const std::filesystem::path& to) {
+  if (::rename(from.c_str(), to.c_str()) != 0) fail("rename " + from.string() + " to", to, errno);
+}
 
-const char* const kPartialEnding = ".partial";
-
-void writeDurably(const std::filesystem::path& path, const void* bytes, std::size_t size) {
+/// Writes and syncs a temporary file beside `path`, then gives it that name by `rename`; leaves nothing of it on
+/// failure.
+template <typename Rename>
+void writeBeside(const std::filesystem::path& path, const void* bytes, std::size_t size, const Rename& rename) {
   const std::filesystem::path partial = path.string() + kPartialEnding;
   FileDescriptor file(partial, O_WRONLY | O_CREAT | O_TRUNC);
   if (!file.isOpen()) fail("create", partial, errno);
@@ -79,11 +82,24 @@ void writeDurably(const std::filesystem::path& path, const void* bytes, std::siz
     writeAll(file.number(), partial, bytes, size);
     if (::fsync(file.number()) != 0) fail("sync", partial, errno);
     if (!file.close()) fail("close", partial, errno);
-    renameWithoutReplacing(partial, path);
+    rename(partial, path);
   } catch (const TrackingError&) {
     ::unlink(partial.c_str());
     throw;
   }
+}
+
+}  // namespace
+
+const char* const kPartialEnding = ".partial";
+
+void replaceDurably(const std::filesystem::path& path, const void* bytes, std::size_t size) {
+  writeBeside(path, bytes, size, renameAndReplace);
+  syncFolder(path.parent_path());
+}
+
+void writeDurably(const std::filesystem::path& path, const void* bytes, std::size_t size) {
+  writeBeside(path, bytes, size, renameWithoutReplacing);
   try {
     syncFolder(path.parent_path());
   } catch (const TrackingError&) {
@@ -98,18 +114,38 @@ void moveDurably(const std::filesystem::path& from, const std::filesystem::path&
   syncFolder(from.parent_path());
 }
 
+std::filesystem::path moveAside(const std::filesystem::path& folder, const std::filesystem::path& path,
+                                const std::string& aside) {
+  namespace fs = std::filesystem;
+  const std::string name = path.filename().string();
+  fs::path to = folder / aside / name;
+  try {
+    fs::create_directories(folder / aside);
+    for (int i = 1; fs::exists(fs::symlink_status(to)); ++i) to = folder / aside / (name + "." + std::to_string(i));
+  } catch (const fs::filesystem_error& error) {
+    throw TrackingError(path.string() + " cannot be moved to " + aside + ": " + error.what());
+  }
+  moveDurably(path, to);
+  return to;
+}
+
 std::string readWhole(const std::filesystem::path& path) {
   const FileDescriptor file(path, O_RDONLY);
   struct stat status {};
-  if (!file.isOpen() || ::fstat(file.number(), &status) != 0) fail("open", path, errno);
+  if (!file.isOpen() || ::fstat(file.number(), &status) != 0) fail<UnreadableFile>("open", path, errno);
   if (!S_ISREG(status.st_mode)) throw TrackingError(path.string() + " is not a file");
-  std::string bytes(static_cast<std::size_t>(status.st_size), '\0');
+  std::string bytes;
+  try {
+    bytes.resize(static_cast<std::size_t>(status.st_size));
+  } catch (const std::bad_alloc&) {
+    fail<UnreadableFile>("read", path, ENOMEM);
+  }
   std::size_t done = 0;
   while (done < bytes.size()) {
     const ssize_t got = ::read(file.number(), &bytes[done], bytes.size() - done);
     if (got < 0 && errno == EINTR) continue;
-    if (got < 0) fail("read", path, errno);
-    if (got == 0) throw TrackingError(path.string() + " became shorter while it was read");
+    if (got < 0) fail<UnreadableFile>("read", path, errno);
+    if (got == 0) throw UnreadableFile(path.string() + " became shorter while it was read");
     done += static_cast<std::size_t>(got);
   }
   return bytes;

@@ -1,19 +1,19 @@
 #include "cortshift_tracking/case/patient_registration.hpp"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
 #include "cortshift_stereo/ros/pose_tree.hpp"
+#include "cortshift_stereo/ros/shifted_time.hpp"
+#include "cortshift_tracking/case/calibration_identity.hpp"
+#include "cortshift_tracking/case/same_registration.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/field/summary.hpp"
 
 namespace cortshift_tracking {
 namespace {
 
-constexpr double kSameShift = 1e-6;  // [m]
-constexpr double kSameTurn = 1e-6;   // [rad]
-const ros::Duration kSettling(0.5);  // for every node to hear of a change
+constexpr double kSettling = 0.5;  // [s] for every node to hear of a change
 
 bool known(const geometry_msgs::Pose& pose) { return std::isfinite(pose.position.x); }
 
@@ -23,13 +23,6 @@ Eigen::Isometry3d isometryOf(const geometry_msgs::Pose& pose) {
   T.linear() = Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix();
   T.translation() = Eigen::Vector3d(pose.position.x, pose.position.y, pose.position.z);
   return T;
-}
-
-geometry_msgs::Pose unknown() {
-  geometry_msgs::Pose pose;
-  pose.position.x = pose.position.y = pose.position.z = kUnknown;
-  pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = kUnknown;
-  return pose;
 }
 
 std::optional<geometry_msgs::Pose> find(const tf2_msgs::TFMessage& message) {
@@ -49,51 +42,65 @@ std::optional<geometry_msgs::Pose> find(const tf2_msgs::TFMessage& message) {
 
 }  // namespace
 
-geometry_msgs::Pose registrationOf(const tf2_msgs::TFMessage& fixed) { return find(fixed).value_or(unknown()); }
+geometry_msgs::Pose unknownPose() {
+  geometry_msgs::Pose pose;
+  pose.position.x = pose.position.y = pose.position.z = kUnknown;
+  pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = kUnknown;
+  return pose;
+}
+
+geometry_msgs::Pose registrationOf(const tf2_msgs::TFMessage& fixed) { return find(fixed).value_or(unknownPose()); }
 
 bool sameRegistration(const geometry_msgs::Pose& a, const geometry_msgs::Pose& b) {
   if (!known(a) || !known(b)) return known(a) == known(b);
-  const Eigen::Isometry3d change = isometryOf(a).inverse() * isometryOf(b);
-  return change.translation().norm() <= kSameShift && Eigen::AngleAxisd(change.linear()).angle() <= kSameTurn;
+  return sameRegistration(isometryOf(a), isometryOf(b));
 }
 
-std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector<cortshift_msgs::StageInfo>& stages) {
-  if (!known(registration)) return 0;
+std::uint32_t epochOf(const cortshift_msgs::StageInfo& stage, const std::vector<cortshift_msgs::StageInfo>& earlier) {
+  if (!known(stage.registration)) return 0;
   std::uint32_t newest = 0;
-  for (const cortshift_msgs::StageInfo& stage : stages) {
-    if (stage.epoch > 0 && sameRegistration(stage.registration, registration)) return stage.epoch;
-    newest = std::max(newest, stage.epoch);
+  for (const cortshift_msgs::StageInfo& other : earlier) {
+    if (other.epoch > 0 && sameRegistration(other.registration, stage.registration) && sameCalibration(other, stage))
+      return other.epoch;
+    newest = std::max(newest, other.epoch);
   }
   return newest + 1;
 }
 
 void requireSettled(const ros::Time& stamp, const ros::Time& changed) {
-  if (stamp < changed + kSettling)
+  if (stamp < cortshift_stereo::shifted(changed, kSettling))
     throw TrackingError("the patient registration changed at " + std::to_string(changed.toSec()) +
                         ", while or after the pair at " + std::to_string(stamp.toSec()) +
                         " was taken; capture again now that it is settled");
 }
 
-void RegistrationWatch::add(const tf2_msgs::TFMessage& message) {
+bool RegistrationHistory::add(const tf2_msgs::TFMessage& message, const ros::Time& time) {
   const auto heard = find(message);
-  if (!heard) return;
-  const std::lock_guard<std::mutex> guard(mutex_);
-  if (newest_ && !sameRegistration(*newest_, *heard)) {
-    changed_ = ros::Time::now();
-    ROS_WARN("the patient registration has changed: stages from now on belong to another epoch");
-  }
+  if (!heard) return false;
+  const bool another = newest_ && !sameRegistration(*newest_, *heard);
+  if (another) changed_ = time;
   newest_ = heard;
+  return another;
+}
+
+geometry_msgs::Pose RegistrationHistory::newest() const { return newest_.value_or(unknownPose()); }
+
+void RegistrationWatch::add(const tf2_msgs::TFMessage& message) {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  if (history_.add(message, ros::Time::now()))
+    ROS_WARN("the patient registration has changed: stages from now on belong to another epoch");
 }
 
 geometry_msgs::Pose RegistrationWatch::newest() const {
   const std::lock_guard<std::mutex> guard(mutex_);
-  return newest_.value_or(unknown());
+  return history_.newest();
 }
 
 void RegistrationWatch::requireSettled(const ros::Time& stamp) const {
   const std::lock_guard<std::mutex> guard(mutex_);
-  if (changed_.isZero() || changed_ > ros::Time::now()) return;  // a clock that was set back: another play of a bag
-  cortshift_tracking::requireSettled(stamp, changed_);
+  const auto changed = history_.changed();
+  if (!changed || *changed > ros::Time::now()) return;  // a clock that was set back: another play of a bag
+  cortshift_tracking::requireSettled(stamp, *changed);
 }
 
 }  // namespace cortshift_tracking

@@ -1,6 +1,10 @@
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
+#include <std_msgs/String.h>
 
+#include <new>
+
+#include "cortshift_tracking/case/durable_file.hpp"
 #include "cortshift_tracking/case/memory_bag.hpp"
 #include "cortshift_tracking/case/stage_store.hpp"
 #include "cortshift_tracking/error.hpp"
@@ -33,6 +37,11 @@ std::string toBag(const StageRecord& record) {
     write(bag, "/stereo/left/camera_info", stamp, record.left_info);
     write(bag, "/stereo/right/camera_info", stamp, record.right_info);
     write(bag, "/microscope/settings", stamp, record.settings);
+    if (!record.parameters.empty()) {
+      std_msgs::String parameters;
+      parameters.data = record.parameters;
+      bag.write("/stage/parameters", stamp, parameters);
+    }
     if (!record.tf.transforms.empty()) bag.write("/tf", stamp, record.tf);
     if (!record.tf_static.transforms.empty()) bag.write("/tf_static", stamp, record.tf_static);
   });
@@ -42,11 +51,16 @@ StageRecord stageFromBag(const std::filesystem::path& path) {
   StageRecord record;
   cortshift_msgs::StageInfoConstPtr info;
   tf2_msgs::TFMessageConstPtr tf, tf_static;
+  std_msgs::StringConstPtr parameters;
   try {
     rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
     rosbag::View view(bag);
     for (const rosbag::MessageInstance& instance : view) {
       read(instance, "/stage/info", info);
+      if (instance.getTopic() == "/stage/info" && !info)
+        throw TrackingError("it is of an older version of this software (" + instance.getDataType() +
+                            " has changed since); process its recording again, or use the version that wrote it");
+      read(instance, "/stage/parameters", parameters);
       read(instance, "/surface/points", record.surface);
       read(instance, "/stereo/left/image_raw", record.left);
       read(instance, "/stereo/right/image_raw", record.right);
@@ -58,11 +72,18 @@ StageRecord stageFromBag(const std::filesystem::path& path) {
       read(instance, "/tf", tf);
       read(instance, "/tf_static", tf_static);
     }
-  } catch (const std::exception& error) {  // rosbag, ROS serialisation and the allocator each have their own
+  } catch (const TrackingError& error) {
+    throw TrackingError(path.string() + ": " + error.what());
+  } catch (const rosbag::BagIOException& error) {
+    throw UnreadableFile("cannot read " + path.string() + ": " + error.what());
+  } catch (const std::bad_alloc&) {
+    throw UnreadableFile("cannot read " + path.string() + ": no memory");
+  } catch (const std::exception& error) {  // rosbag, ROS serialisation each have their own
     throw TrackingError(path.string() + " is not a readable bag: " + error.what());
   }
   if (!info || !record.surface) throw TrackingError(path.string() + " holds no stage (/stage/info, /surface/points)");
   record.info = *info;
+  if (parameters) record.parameters = parameters->data;
   if (tf) record.tf = *tf;
   if (tf_static) record.tf_static = *tf_static;
   return record;

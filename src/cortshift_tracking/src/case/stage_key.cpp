@@ -7,18 +7,16 @@
 namespace cortshift_tracking {
 
 void requireKey(const std::string& key) {
-  const std::string rule = "; a key is 1-64 of A-Z a-z 0-9 _ -";
+  const std::string rule = std::string("; a key is ") + kKeyRule;
   if (key.empty()) throw TrackingError("the key is empty" + rule);
-  const auto allowed = [](char c) {
-    return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
-  };
-  if (!std::all_of(key.begin(), key.end(), allowed)) {
+  if (!std::all_of(key.begin(), key.end(), mayStandInKey)) {
     std::string shown;  // the answer must stay printable whatever came in
     for (const char c : key.substr(0, 80)) shown += c >= ' ' && c <= '~' ? c : '?';
     throw TrackingError("key '" + shown + "' holds a character that is not allowed" + rule);
   }
-  if (key.size() > 64)
-    throw TrackingError("key '" + key.substr(0, 64) + "...' has " + std::to_string(key.size()) + " characters" + rule);
+  if (key.size() > kLongestKey)
+    throw TrackingError("key '" + key.substr(0, kLongestKey) + "...' has " + std::to_string(key.size()) +
+                        " characters" + rule);
 }
 
 void requireKeyOfCapture(const std::string& key) {

@@ -1,6 +1,8 @@
 #include "cortshift_tracking/case/stage_record.hpp"
 
+#include "cortshift_stereo/provenance.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/calibration_identity.hpp"
 #include "cortshift_tracking/case/patient_registration.hpp"
 #include "cortshift_tracking/field/summary.hpp"
 #include "cortshift_tracking/projection/projection_frame.hpp"
@@ -10,13 +12,6 @@ namespace {
 
 using cortshift_stereo::PoseAt;
 
-geometry_msgs::Pose unknownPose() {
-  geometry_msgs::Pose pose;
-  pose.position.x = pose.position.y = pose.position.z = kUnknown;
-  pose.orientation.x = pose.orientation.y = pose.orientation.z = pose.orientation.w = kUnknown;
-  return pose;
-}
-
 void addTransforms(StageRecord& record, const PoseAt& pose_at, std::string& remarks) {
   const ros::Time& stamp = record.info.stamp;
   try {
@@ -24,6 +19,7 @@ void addTransforms(StageRecord& record, const PoseAt& pose_at, std::string& rema
   } catch (const std::exception& error) {
     record.info.camera_pose = unknownPose();
     remarks += std::string("; camera pose not known: ") + error.what();
+    record.info.warnings.push_back(std::string("The pose of the camera is not known: ") + error.what() + ".");
     return;
   }
   const auto edge = [&](const char* parent, const char* child) {
@@ -35,10 +31,11 @@ void addTransforms(StageRecord& record, const PoseAt& pose_at, std::string& rema
     return transform;
   };
   try {
-    record.tf_static.transforms = {edge("pmr", "reference"), edge("microscope", "left_optical"),
-                                   edge("left_optical", "right_optical")};
+    record.tf_static.transforms = {edge("pmr", "reference"), edge("microscope", "left_optical")};
     record.tf.transforms = {edge("reference", "microscope")};
+    record.tf_static.transforms.push_back(edge("left_optical", "right_optical"));
   } catch (const cortshift_stereo::PoseError&) {  // a tree without those frames in between
+    if (!record.tf.transforms.empty()) return;    // only the right camera is not in it
     record.tf_static.transforms.clear();
     record.tf.transforms = {edge("pmr", "left_optical")};
   }
@@ -64,6 +61,9 @@ std::string completeStage(StageRecord& record, const PoseAt& pose_at) {
   }
   addTransforms(record, pose_at, remarks);
   record.info.registration = registrationOf(record.tf_static);
+  record.info.provenance.software = cortshift_stereo::softwareVersion();
+  record.info.provenance.configuration = record.parameters.empty() ? "" : cortshift_stereo::sha256(record.parameters);
+  record.info.provenance.calibration = calibrationOf(record);
   return remarks;
 }
 

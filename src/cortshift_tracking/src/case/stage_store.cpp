@@ -15,6 +15,7 @@
 #include "cortshift_tracking/case/patient_registration.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/field/summary.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -22,7 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 
 const char* const kLockName = ".lock";
-const std::regex kStageName("([0-9]{4,9})_([A-Za-z0-9_-]{1,64})_([0-9a-f]{8})\\.bag");
+const std::regex kStageName(std::string("([0-9]{4,9})_(") + kKeyPattern + ")_([0-9a-f]{8})\\.bag");
 
 std::string stageName(unsigned number, const std::string& key, std::uint32_t crc) {
   char text[96];
@@ -39,11 +40,14 @@ void requireWhole(const fs::path& path) {
     throw TrackingError("its content does not have the checksum in its name");
 }
 
-/// A name in `folder` that nothing has yet.
-fs::path freeName(const fs::path& folder, const std::string& name) {
-  fs::path path = folder / name;
-  for (int i = 1; fs::exists(fs::symlink_status(path)); ++i) path = folder / (name + "." + std::to_string(i));
-  return path;
+/// What stands for a stage that cannot be read.
+cortshift_msgs::StageInfo unreadableInfo(const std::string& key, const std::string& reason) {
+  cortshift_msgs::StageInfo info;
+  info.key = key;
+  info.note = "cannot be read now: " + reason;
+  info.settings.magnification = info.settings.focal_length = kUnknown;
+  info.camera_pose = info.registration = unknownPose();
+  return info;
 }
 
 }  // namespace
@@ -115,7 +119,13 @@ void StageStore::scan() {
       for (const Entry& entry : entries_)
         if (entry.info.key == record.info.key)
           throw TrackingError("its key is that of " + entry.path.filename().string() + " too");
-      entries_.push_back({path, record.info});
+      entries_.push_back({path, record.info, ""});
+    } catch (const UnreadableFile& error) {
+      std::smatch parts;
+      const std::string name = path.filename().string();
+      std::regex_match(name, parts, kStageName);
+      entries_.push_back({path, unreadableInfo(parts[2].str(), error.what()), error.what()});
+      ROS_ERROR_STREAM("case folder: stage '" << parts[2].str() << "' stays but cannot be used: " << error.what());
     } catch (const std::exception& error) {
       putAside(path, error.what());
     }
@@ -125,10 +135,7 @@ void StageStore::scan() {
 void StageStore::putAside(const fs::path& path, const std::string& reason) {
   std::string where = "it is left where it is";
   try {
-    fs::create_directories(folder_ / "set_aside");
-    const fs::path to = freeName(folder_ / "set_aside", path.filename().string());
-    moveDurably(path, to);
-    where = "it is set aside as " + to.string();
+    where = "it is set aside as " + moveAside(folder_, path).string();
   } catch (const std::exception&) {
     // A read-only folder: naming the file is all that can be done.
   }
@@ -154,6 +161,11 @@ std::size_t StageStore::indexLocked(const std::string& key) const {
                       (keys.empty() ? "none has been captured yet" : "there are: " + keys));
 }
 
+cortshift_msgs::StageInfo StageStore::infoOf(const std::string& key) const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return entries_[indexLocked(key)].info;
+}
+
 std::size_t StageStore::indexOf(const std::string& key) const {
   const std::lock_guard<std::mutex> guard(mutex_);
   return indexLocked(key);
@@ -162,15 +174,19 @@ std::size_t StageStore::indexOf(const std::string& key) const {
 void StageStore::requireFree(const std::string& key) const {
   requireKeyOfCapture(key);
   const std::lock_guard<std::mutex> guard(mutex_);
-  for (const Entry& entry : entries_)
-    if (entry.info.key == key)
-      throw TrackingError("stage '" + key + "' exists already (stamp " + std::to_string(entry.info.stamp.toSec()) +
-                          "); nothing is overwritten: choose another key or delete that stage");
+  for (const Entry& entry : entries_) {
+    if (entry.info.key != key) continue;
+    if (!entry.trouble.empty())
+      throw TrackingError("stage '" + key + "' exists already, though it cannot be read now (" + entry.trouble +
+                          "); choose another key");
+    throw TrackingError("stage '" + key + "' exists already (stamp " + std::to_string(entry.info.stamp.toSec()) +
+                        "); nothing is overwritten: choose another key or delete that stage");
+  }
 }
 
 cortshift_msgs::StageInfo StageStore::add(StageRecord record) {
   requireFree(record.info.key);
-  record.info.epoch = epochOf(record.info.registration, list());
+  record.info.epoch = epochOf(record.info, list());
   const std::string bytes = toBag(record);
   const std::lock_guard<std::mutex> guard(mutex_);
   for (const Entry& entry : entries_)
@@ -179,7 +195,7 @@ cortshift_msgs::StageInfo StageStore::add(StageRecord record) {
   const fs::path path = folder_ / stageName(last_number_ + 1, record.info.key, crc32(bytes.data(), bytes.size()));
   writeDurably(path, bytes.data(), bytes.size());
   ++last_number_;
-  entries_.push_back({path, record.info});
+  entries_.push_back({path, record.info, ""});
   return record.info;
 }
 
@@ -189,24 +205,47 @@ StageRecord StageStore::load(const std::string& key) const {
     const std::lock_guard<std::mutex> guard(mutex_);
     path = entries_[indexLocked(key)].path;
   }
+  StageRecord record;
   try {
     requireWhole(path);
-    return stageFromBag(path);
+    record = stageFromBag(path);
   } catch (const TrackingError& error) {
     throw TrackingError("stage '" + key + "' cannot be read from " + path.string() + ": " + error.what());
   }
+  const std::lock_guard<std::mutex> guard(mutex_);
+  for (Entry& entry : entries_)
+    if (entry.path == path && !entry.trouble.empty() && record.info.key == key) {
+      entry.info = record.info;
+      entry.trouble.clear();
+    }
+  return record;
+}
+
+void StageStore::retryUnreadable() const {
+  std::vector<std::string> keys;
+  {
+    const std::lock_guard<std::mutex> guard(mutex_);
+    for (const Entry& entry : entries_)
+      if (!entry.trouble.empty()) keys.push_back(entry.info.key);
+  }
+  for (const std::string& key : keys) try {
+      load(key);
+    } catch (const TrackingError&) {  // it is still named as unreadable
+    }
+}
+
+std::vector<std::string> StageStore::unreadable() const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  std::vector<std::string> lines;
+  for (const Entry& entry : entries_)
+    if (!entry.trouble.empty()) lines.push_back(entry.path.filename().string() + ": " + entry.trouble);
+  return lines;
 }
 
 void StageStore::remove(const std::string& key) {
   const std::lock_guard<std::mutex> guard(mutex_);
   const std::size_t index = indexLocked(key);
-  const fs::path path = entries_[index].path;
-  try {
-    fs::create_directories(folder_ / "deleted");
-  } catch (const fs::filesystem_error& error) {
-    throw TrackingError("stage '" + key + "' cannot be deleted: " + error.what());
-  }
-  moveDurably(path, freeName(folder_ / "deleted", path.filename().string()));
+  moveAside(folder_, entries_[index].path, "deleted");
   entries_.erase(entries_.begin() + static_cast<std::ptrdiff_t>(index));
 }
 

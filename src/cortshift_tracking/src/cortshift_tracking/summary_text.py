@@ -13,4 +13,4 @@ def summary_lines(summary):
              ('along the normal', in_mm(summary.normal_mean, summary.normal_sd)),
              ('lateral', in_mm(summary.lateral_mean, summary.lateral_sd)),
              ('overlap', f'{100 * summary.overlap:.0f} %')]
-    return [(name, text) for name, text in lines if 'nan' not in text]
+    return [(name, text) for name, text in lines if 'nan' not in text] + [('WARNING', text) for text in summary.warnings]

@@ -4,10 +4,10 @@
 #include <cmath>
 #include <limits>
 
+#include "cortshift_flow/range.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/projection/mesh.hpp"
 #include "parallel.hpp"
-#include "range.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -105,8 +105,8 @@ bool passes(float confidence, const InversionSettings& settings) {
 }  // namespace
 
 void InversionSettings::validate() const {
-  requireRange("min_confidence", min_confidence, 0.0, 1.0);
-  requireRange("threads", threads, 0, 256);
+  cortshift_flow::requireRange<TrackingError>("min_confidence", min_confidence, 0.0, 1.0);
+  cortshift_flow::requireRange<TrackingError>("threads", threads, 0, 256);
 }
 
 std::optional<double> heightAt(const Projection& projection, double column, double row, Interpolation interpolation) {

@@ -7,8 +7,9 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "cortshift_flow/range.hpp"
+#include "cortshift_tracking/error.hpp"
 #include "parallel.hpp"
-#include "range.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -109,8 +110,8 @@ Eigen::Vector2d principalStretches(const Slopes& slopes) {
 }  // namespace
 
 void StrainSettings::validate() const {
-  requireRange("strain_window", window, 0.0005, 0.02);
-  requireRange("threads", threads, 0, 256);
+  cortshift_flow::requireRange<TrackingError>("strain_window", window, 0.0005, 0.02);
+  cortshift_flow::requireRange<TrackingError>("threads", threads, 0, 256);
 }
 
 Strain surfaceStrain(const DisplacementField& field, const StrainSettings& settings) {

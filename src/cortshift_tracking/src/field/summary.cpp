@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+
+#include "cortshift_flow/text.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -28,9 +29,7 @@ class Accumulator {
 
 std::string millimetres(const Statistic& statistic) {
   if (std::isnan(statistic.mean)) return "not known";
-  char text[64];
-  std::snprintf(text, sizeof text, "%.2f +- %.2f mm", 1e3 * statistic.mean, 1e3 * statistic.sd);
-  return text;
+  return cortshift_flow::formatted("%.2f +- %.2f mm", 1e3 * statistic.mean, 1e3 * statistic.sd);
 }
 
 }  // namespace
@@ -60,20 +59,21 @@ Summary summarise(const DisplacementField& field, double overlap, const Eigen::V
   return summary;
 }
 
-std::string toText(const Summary& summary) {
-  char text[256];
-  std::snprintf(text, sizeof text,
-                "%zu points, overlap %.0f %%, computed in %.2f s (projection %.2f, flow %.2f, inversion %.2f)",
-                summary.valid_points, 1e2 * summary.overlap, summary.compute_seconds(), summary.projection_seconds,
-                summary.flow_seconds, summary.inversion_seconds);
+std::string describe(const Summary& summary) {
   std::string out = "magnitude " + millimetres(summary.magnitude) + ", along gravity " + millimetres(summary.gravity) +
                     ", along the normal " + millimetres(summary.normal) + ", lateral " + millimetres(summary.lateral);
-  if (!std::isnan(summary.gravity_normal_angle)) {
-    char angle[64];
-    std::snprintf(angle, sizeof angle, ", gravity to normal %.1f deg", summary.gravity_normal_angle * 180 / M_PI);
-    out += angle;
-  }
-  return out + "; " + text;
+  if (!std::isnan(summary.gravity_normal_angle))
+    out += cortshift_flow::formatted(", gravity to normal %.1f deg", summary.gravity_normal_angle * 180 / M_PI);
+  out += cortshift_flow::formatted("; %zu points, overlap %.0f %%", summary.valid_points, 1e2 * summary.overlap);
+  for (const std::string& warning : summary.warnings) out += "; WARNING: " + warning;
+  return out;
+}
+
+std::string toText(const Summary& summary) {
+  return describe(summary) +
+         cortshift_flow::formatted(", computed in %.2f s (projection %.2f, flow %.2f, inversion %.2f)",
+                                   summary.compute_seconds(), summary.projection_seconds, summary.flow_seconds,
+                                   summary.inversion_seconds);
 }
 
 }  // namespace cortshift_tracking

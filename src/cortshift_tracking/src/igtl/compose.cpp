@@ -4,40 +4,21 @@
 #include <igtlStatusMessage.h>
 #include <igtlStringMessage.h>
 #include <igtlTrackingDataMessage.h>
-#include <igtl_util.h>
 
 #include <algorithm>
 #include <cstring>
 #include <mutex>
 #include <stdexcept>
 
+#include "igtl/header.hpp"
+
 namespace cortshift_tracking::igt {
 namespace {
 
-constexpr std::size_t kDeviceSize = 20;
 constexpr int kUtf8 = 106;  // IANA's number of the character set
-
-std::uint32_t fractionOfSecond(std::int64_t stamp_ns) {
-  return static_cast<std::uint32_t>((static_cast<std::uint64_t>(stamp_ns % 1000000000) << 32) / 1000000000);
-}
-
-void requireDevice(const Label& label) {
-  if (label.device.size() > kDeviceSize)
-    throw std::invalid_argument("device name '" + label.device + "' is longer than 20 characters");
-}
 
 /// The library's object factory is not made for several threads.
 std::mutex library_mutex;
-
-template <typename MessagePointer>
-Bytes finish(const Label& label, MessagePointer& message) {
-  requireDevice(label);
-  message->SetDeviceName(label.device.c_str());
-  message->SetTimeStamp(static_cast<unsigned int>(label.stamp_ns / 1000000000), fractionOfSecond(label.stamp_ns));
-  message->Pack();
-  const auto* data = static_cast<const std::uint8_t*>(message->GetPackPointer());
-  return {data, data + message->GetPackSize()};
-}
 
 void append(Bytes& out, std::uint64_t value, int size) {
   for (int byte = size - 1; byte >= 0; --byte)
@@ -87,18 +68,30 @@ std::vector<Attribute> attributesOf(const LinkMesh& mesh) {
   return attributes;
 }
 
-Bytes withHeader(int version, const std::string& type, const Label& label, Bytes& body) {
-  requireDevice(label);
+/// Every header is written here, whoever packed the body.
+Bytes withHeader(std::uint16_t version, const std::string& type, const Label& label, const Bytes& body) {
+  if (label.device.size() > kDeviceSize)
+    throw std::invalid_argument("device name '" + label.device + "' is longer than " + std::to_string(kDeviceSize) +
+                                " characters");
   Bytes message;
-  append(message, static_cast<std::uint64_t>(version), 2);
-  appendText(message, type, 12);
+  message.reserve(kHeaderSize + body.size());
+  append(message, version, 2);
+  appendText(message, type, kTypeSize);
   appendText(message, label.device, kDeviceSize);
-  append(message, static_cast<std::uint64_t>(label.stamp_ns / 1000000000), 4);
-  append(message, fractionOfSecond(label.stamp_ns), 4);
+  append(message, static_cast<std::uint64_t>(label.stamp_ns / kNanoseconds), 4);
+  append(message, fractionFromNanoseconds(label.stamp_ns % kNanoseconds), 4);
   append(message, body.size(), 8);
-  append(message, ::crc64(body.data(), body.size(), 0), 8);
+  append(message, checksum(body.data(), body.size()), 8);
   message.insert(message.end(), body.begin(), body.end());
   return message;
+}
+
+/// What the library packs, under our header.
+template <typename MessagePointer>
+Bytes finish(const Label& label, MessagePointer& message) {
+  message->Pack();
+  const auto* body = static_cast<const std::uint8_t*>(message->GetPackBodyPointer());
+  return withHeader(1, message->GetDeviceType(), label, Bytes(body, body + message->GetPackBodySize()));
 }
 
 }  // namespace

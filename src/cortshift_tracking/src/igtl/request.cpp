@@ -4,6 +4,8 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "cortshift_tracking/case/stage_key.hpp"
+
 namespace cortshift_tracking::igt {
 namespace {
 
@@ -13,17 +15,11 @@ const char* const kCompute = "compute_shift";
 
 std::string takeKey(std::istringstream& in, const char* what) {
   std::string key;
-  if (!(in >> key) || !isKey(key)) throw std::invalid_argument(std::string(what) + " must be 1-64 of A-Z a-z 0-9 _ -");
+  if (!(in >> key) || !isKey(key)) throw std::invalid_argument(std::string(what) + " must be " + kKeyRule);
   return key;
 }
 
 }  // namespace
-
-bool isKey(const std::string& text) {
-  return !text.empty() && text.size() <= 64 && std::all_of(text.begin(), text.end(), [](unsigned char c) {
-    return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
-  });
-}
 
 Request parseRequest(const std::string& text) {
   if (text.size() > kMaxText || std::any_of(text.begin(), text.end(), [](unsigned char c) { return c < 0x20; }))

@@ -6,28 +6,25 @@
 #include <set>
 #include <sstream>
 
+#include "cortshift_flow/range.hpp"
+
 namespace cortshift_tracking::igt {
 namespace {
+
+using cortshift_flow::requireRange;
 
 constexpr double kNanoseconds = 1e9;
 
 std::int64_t nanoseconds(double seconds) { return std::llround(seconds * kNanoseconds); }
-
-void requireRange(const std::string& name, double value, double low, double high) {
-  if (value >= low && value <= high) return;
-  std::ostringstream text;
-  text << name << " = " << value << " is not allowed; allowed is " << low << " ... " << high;
-  throw std::invalid_argument(text.str());
-}
 
 bool isRegistration(const ToolSettings& tool) { return tool.parent == "pmr" || tool.child == "pmr"; }
 
 }  // namespace
 
 void ToolBoardSettings::validate() const {
-  requireRange("stale_after", stale_after, 0.01, 10);
-  requireRange("max_clock_offset", max_clock_offset, 0.001, 3600);
-  requireRange("same_time", same_time, 0, 0.1);
+  requireRange("stale_after", stale_after, 0.01, 10.0);
+  requireRange("max_clock_offset", max_clock_offset, 0.001, 3600.0);
+  requireRange("same_time", same_time, 0.0, 0.1);
   std::set<std::string> devices, children;
   bool in_tracker = false, reference_in_tracker = false;
   for (const ToolSettings& tool : tools) {
@@ -46,7 +43,7 @@ void ToolBoardSettings::validate() const {
                                   " and " + tool.child);
     if (!children.insert(registration ? "pmr" : tool.child).second)
       throw std::invalid_argument(name + "its frame has another device already");
-    requireRange(name + "latency", tool.latency, -1, 1);
+    requireRange(name + "latency", tool.latency, -1.0, 1.0);
     in_tracker |= tool.parent == "tracker";
     reference_in_tracker |= tool.parent == "tracker" && tool.child == "reference";
   }

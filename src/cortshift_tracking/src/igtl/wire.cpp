@@ -1,17 +1,15 @@
 #include "cortshift_tracking/igtl/wire.hpp"
 
-#include <igtl_util.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 
+#include "igtl/header.hpp"
+
 namespace cortshift_tracking::igt {
 namespace {
 
-constexpr std::size_t kTypeSize = 12;
-constexpr std::size_t kDeviceSize = 20;
 constexpr std::size_t kExtendedHeaderSize = 12;
 constexpr std::size_t kTrackingElementSize = 70;
 constexpr std::size_t kCommandNameSize = 128;
@@ -98,8 +96,7 @@ Header parseHeader(const std::uint8_t* data) {
   header.device = in.field(kDeviceSize);
   requirePrintable(header.device, "device name");
   const std::int64_t seconds = in.u32();
-  const std::uint32_t fraction = in.u32();  // in units of 2^-32 s
-  header.stamp_ns = seconds * 1000000000 + static_cast<std::int64_t>((std::uint64_t{fraction} * 1000000000) >> 32);
+  header.stamp_ns = seconds * kNanoseconds + nanosecondsFromFraction(in.u32());
   header.body_size = in.integer(8);
   header.crc = in.integer(8);
   return header;
@@ -121,8 +118,7 @@ std::map<std::string, std::string> parseMetadata(Reader index, Reader body) {
 }
 
 Message parseBody(const Header& header, const std::uint8_t* body, std::size_t size) {
-  // igtl's crc64 does not write to the data it is given.
-  if (::crc64(const_cast<unsigned char*>(body), size, 0) != header.crc)
+  if (checksum(body, size) != header.crc)
     throw ProtocolError("the checksum of " + header.type + " from '" + header.device + "' is wrong");
   Message message;
   message.version = header.version;

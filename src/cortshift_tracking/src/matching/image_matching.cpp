@@ -5,10 +5,10 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "cortshift_flow/range.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/trust/agreement.hpp"
 #include "matching/flow_targets.hpp"
-#include "range.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -234,11 +234,11 @@ double partOf(const cv::Mat& settled, const Pair& pair) {
 void ImageMatchingSettings::validate() const {
   if (channels != "auto" && channels != "rgb" && channels != "green" && channels != "blue" && channels != "luminance")
     throw TrackingError("channels = '" + channels + "' is not allowed; allowed is auto, rgb, green, blue or luminance");
-  requireRange("detail", detail, 0.5, 100.0);
-  requireRange("bend", bend, 0.01, 1000.0);
-  requireRange("search", search, 0.001, 0.05);
-  requireRange("coarse_resolution", coarse_resolution, 0.00005, 0.002);
-  requireRange("coarse_rounds", coarse_rounds, 0, 10);
+  cortshift_flow::requireRange<TrackingError>("detail", detail, 0.5, 100.0);
+  cortshift_flow::requireRange<TrackingError>("bend", bend, 0.01, 1000.0);
+  cortshift_flow::requireRange<TrackingError>("search", search, 0.001, 0.05);
+  cortshift_flow::requireRange<TrackingError>("coarse_resolution", coarse_resolution, 0.00005, 0.002);
+  cortshift_flow::requireRange<TrackingError>("coarse_rounds", coarse_rounds, 0, 10);
   flow.validate();
 }
 
@@ -306,7 +306,12 @@ FlowResult matchProjections(const Projection& earlier, const Projection& later, 
   }
   const Pair pair = pairAt(1);
   const FlowResult result = look(pair, guess, domain, rounds <= 0, settings);
-  if (rounds <= 0) return result;
+  if (rounds <= 0) {
+    // No first look has chosen the channels, as when the flow of the moment before leads: tissue may bleed since.
+    if (settings.channels != "auto" || partOf(settledMask(pair, result), pair) >= kFollowed) return result;
+    channels = chooseChannels(earlier, later, earlier_usable, later_usable, settings);
+    return channels == "rgb" ? result : look(pairAt(1), guess, domain, true, settings);
+  }
   // Where the coarse grid gave a wrong start, the settled vectors around it give a better one; and the domain now
   // includes tissue that has settled since.
   const cv::Mat settled = settledMask(pair, result);

@@ -35,6 +35,15 @@ std::string cell(double value) {
   return std::string(",") + text;
 }
 
+/// RFC 4180: quoted, quotes doubled.
+std::string textCell(const std::vector<std::string>& lines) {
+  std::string text;
+  for (const std::string& line : lines) text += (text.empty() ? "" : " | ") + line;
+  if (text.empty()) return ",";
+  for (std::size_t at = 0; (at = text.find('"', at)) != std::string::npos; at += 2) text.insert(at, 1, '"');
+  return ",\"" + text + "\"";
+}
+
 }  // namespace
 
 CaseOutput::CaseOutput(const fs::path& folder)
@@ -42,7 +51,7 @@ CaseOutput::CaseOutput(const fs::path& folder)
       store_(folder / "stages"),
       summary_(
           "from_key,to_key,valid_points,overlap,magnitude_mean_m,magnitude_sd_m,gravity_mean_m,gravity_sd_m,"
-          "normal_mean_m,normal_sd_m,lateral_mean_m,lateral_sd_m,gravity_normal_angle_rad\n"),
+          "normal_mean_m,normal_sd_m,lateral_mean_m,lateral_sd_m,gravity_normal_angle_rad,warnings\n"),
       timing_("step,seconds\n") {}
 
 void CaseOutput::add(const StageShift& shift) {
@@ -56,7 +65,7 @@ void CaseOutput::add(const StageShift& shift) {
   summary_ += s.from_key + "," + s.to_key + "," + std::to_string(s.valid_points) + cell(s.overlap) +
               cell(s.magnitude_mean) + cell(s.magnitude_sd) + cell(s.gravity_mean) + cell(s.gravity_sd) +
               cell(s.normal_mean) + cell(s.normal_sd) + cell(s.lateral_mean) + cell(s.lateral_sd) +
-              cell(s.gravity_normal_angle) + "\n";
+              cell(s.gravity_normal_angle) + textCell(s.warnings) + "\n";
 }
 
 void CaseOutput::addTiming(const std::string& step, double seconds) {

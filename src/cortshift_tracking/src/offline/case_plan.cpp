@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "cortshift_stereo/averaging/frame_collector.hpp"
+#include "cortshift_tracking/case/case_state.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/error.hpp"
 
@@ -40,10 +41,8 @@ void requireKeyIn(const std::string& key, const std::string& what) {
 }
 
 Eigen::Vector3d direction(const std::vector<double>& values, const std::string& what) {
-  if (values.size() == 3) {
-    const Eigen::Vector3d vector(values[0], values[1], values[2]);
-    if (vector.allFinite() && vector.norm() > 1e-6) return vector.normalized();
-  }
+  if (values.size() == 3)
+    if (const auto unit = unitVector({values[0], values[1], values[2]})) return *unit;
   throw PlanError(what + " is not a direction; give three numbers in pmr, for instance 0,-1,0");
 }
 

@@ -8,6 +8,7 @@
 #include <regex>
 
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/case/stage_record.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/field/summary.hpp"
@@ -18,8 +19,8 @@ namespace cortshift_tracking {
 namespace fs = std::filesystem;
 
 CaseFiles findCase(const fs::path& folder) {
-  const std::regex stage("[0-9]{4,9}_[A-Za-z0-9_-]{1,64}_[0-9a-f]{8}\\.bag"),
-      field("[A-Za-z0-9_-]+__[A-Za-z0-9_-]+\\.bag");
+  const std::string key = kKeyPattern;
+  const std::regex stage("[0-9]{4,9}_" + key + "_[0-9a-f]{8}\\.bag"), field(key + "__" + key + "\\.bag");
   if (!fs::is_directory(folder)) throw TrackingError(folder.string() + ": no such folder; give the folder of a case");
   CaseFiles found;
   for (const fs::path& place : {folder, folder / "stages"}) {
@@ -54,7 +55,25 @@ cortshift_msgs::DisplacementField fieldFromBag(const fs::path& path) {
   throw TrackingError(path.string() + " holds no cortshift_msgs/DisplacementField on /shift/field");
 }
 
-StageRecord remakeStage(const StageRecord& stored, cortshift_stereo::PairReconstruction& reconstruct) {
+std::string changedProvenance(const cortshift_msgs::Provenance& before, const cortshift_msgs::Provenance& after) {
+  std::string changed;
+  const auto compare = [&](const char* what, const std::string& was, const std::string& is) {
+    if (was == is) return;
+    constexpr std::size_t kShort = 12;  // digits that tell two hashes apart
+    const auto shown = [&](const std::string& text) {
+      if (text.empty()) return std::string("not known");
+      return text.size() == 64 ? text.substr(0, kShort) : text;
+    };
+    changed += (changed.empty() ? "" : "; ") + std::string(what) + " was " + shown(was) + ", now " + shown(is);
+  };
+  compare("software", before.software, after.software);
+  compare("configuration", before.configuration, after.configuration);
+  compare("calibration", before.calibration, after.calibration);
+  return changed;
+}
+
+StageRecord remakeStage(const StageRecord& stored, const std::string& parameters,
+                        cortshift_stereo::PairReconstruction& reconstruct) {
   const cortshift_stereo::PairMessages pair = pairOf(stored);
   if (!(stored.left || stored.left_compressed) || !(stored.right || stored.right_compressed))
     throw TrackingError("it keeps no raw pair; capture it again from the recording");
@@ -68,6 +87,8 @@ StageRecord remakeStage(const StageRecord& stored, cortshift_stereo::PairReconst
   const cortshift_stereo::PairSurface surface = reconstruct(pair, pose_at);
   record.surface =
       boost::make_shared<sensor_msgs::PointCloud2>(toPointCloud2(surface.surface_map, stored.surface->header));
+  record.parameters = parameters;
+  cortshift_stereo::addWarnings(record.info.warnings, surface.warnings);
   completeStage(record, pose_at);
   return record;
 }

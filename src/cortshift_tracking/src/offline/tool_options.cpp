@@ -1,7 +1,10 @@
 #include "cortshift_tracking/offline/tool_options.hpp"
 
 #include <cmath>
+#include <cstdio>
 
+#include "cortshift_stereo/provenance.hpp"
+#include "cortshift_stereo/ros/static_transforms.hpp"
 #include "cortshift_tracking/offline/case_plan.hpp"
 
 namespace cortshift_tracking {
@@ -18,6 +21,7 @@ OfflineParameters parametersFrom(const Options& options) {
   if (const auto folder = options.find("settings-calibration"))
     parameters.reconstruction.settings_calibration = *folder;
   if (threads >= 0) parameters.setThreads(static_cast<int>(threads));
+  parameters.tracker.shift.configuration = cortshift_stereo::sha256(parameters.configuration());
   return parameters;
 }
 
@@ -31,11 +35,16 @@ std::optional<Eigen::Vector3d> gravityFrom(const Options& options) {
   }
 }
 
+void printWarnings(const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings) std::printf("  WARNING: %s\n", warning.c_str());
+  std::fflush(stdout);
+}
+
 std::unique_ptr<CaseRecording> recordingFrom(const Options& options, const OfflineParameters& parameters) {
   const auto static_tf = options.find("static-tf");
   return std::make_unique<CaseRecording>(
       options.required("CASE.bag"), parameters.reconstruction,
-      static_tf ? readStaticTransforms(*static_tf) : std::vector<geometry_msgs::TransformStamped>());
+      static_tf ? cortshift_stereo::readStaticTransforms(*static_tf) : std::vector<geometry_msgs::TransformStamped>());
 }
 
 }  // namespace cortshift_tracking

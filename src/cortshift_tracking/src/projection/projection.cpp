@@ -5,11 +5,11 @@
 #include <limits>
 #include <vector>
 
+#include "cortshift_flow/range.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/projection/mesh.hpp"
 #include "parallel.hpp"
 #include "projection/colour_sampler.hpp"
-#include "range.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -140,9 +140,9 @@ void check(const cortshift_stereo::Surface& surface) {
 }  // namespace
 
 void ProjectionSettings::validate() const {
-  requireRange("max_edge_ratio", max_edge_ratio, 2.0, 50.0);
-  requireRange("fold_tolerance", fold_tolerance, 0.0, 0.01);
-  requireRange("threads", threads, 0, 256);
+  cortshift_flow::requireRange<TrackingError>("max_edge_ratio", max_edge_ratio, 2.0, 50.0);
+  cortshift_flow::requireRange<TrackingError>("fold_tolerance", fold_tolerance, 0.0, 0.01);
+  cortshift_flow::requireRange<TrackingError>("threads", threads, 0, 256);
 }
 
 Projection project(const cortshift_stereo::Surface& surface_pmr, const ProjectionFrame& frame,

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "cortshift_flow/range.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/projection/mesh.hpp"
-#include "range.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -78,8 +78,8 @@ Eigen::Vector3d averageNormalOf(const Facets& facets) {
 }  // namespace
 
 void FrameSettings::validate() const {
-  requireRange("resolution", resolution, 0.00005, 0.001);
-  requireRange("margin", margin, 0.0, 0.02);
+  cortshift_flow::requireRange<TrackingError>("resolution", resolution, 0.00005, 0.001);
+  cortshift_flow::requireRange<TrackingError>("margin", margin, 0.0, 0.02);
 }
 
 Eigen::Vector3d averageNormal(const cortshift_stereo::Surface& surface_pmr) {

@@ -5,7 +5,9 @@
 #include <cstring>
 #include <limits>
 
+#include "cortshift_stereo/provenance.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/calibration_identity.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -45,7 +47,21 @@ cortshift_msgs::ShiftSummary toMessage(const Summary& summary, const std::string
   message.lateral_sd = summary.lateral.sd;
   message.gravity_normal_angle = summary.gravity_normal_angle;
   message.compute_time = summary.compute_seconds();
+  message.warnings = summary.warnings;
   return message;
+}
+
+Summary summaryFromMessage(const cortshift_msgs::ShiftSummary& message) {
+  Summary summary;
+  summary.valid_points = message.valid_points;
+  summary.overlap = message.overlap;
+  summary.magnitude = {message.magnitude_mean, message.magnitude_sd};
+  summary.gravity = {message.gravity_mean, message.gravity_sd};
+  summary.normal = {message.normal_mean, message.normal_sd};
+  summary.lateral = {message.lateral_mean, message.lateral_sd};
+  summary.gravity_normal_angle = message.gravity_normal_angle;
+  summary.warnings = message.warnings;
+  return summary;
 }
 
 cortshift_msgs::DisplacementField toMessage(const DisplacementField& field, const Summary& summary,
@@ -61,6 +77,9 @@ cortshift_msgs::DisplacementField toMessage(const DisplacementField& field, cons
   message.projection = cortshift_stereo::toPose(field.frame.T_pmr_projection);
   message.resolution = field.frame.resolution;
   message.summary = toMessage(summary, from.key, to.key);
+  message.provenance.software = cortshift_stereo::softwareVersion();
+  message.provenance.configuration = summary.configuration;
+  message.provenance.calibration = calibrationOf(from, to);
 
   sensor_msgs::PointCloud2& cloud = message.points;
   cloud.header = message.header;

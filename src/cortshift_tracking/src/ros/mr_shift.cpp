@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/error.hpp"
@@ -105,8 +106,13 @@ StageShift computeMrShift(const StageStore& store, const std::string& to_key, Fi
     times.projection_seconds = onwards.result.summary.projection_seconds;
     times.flow_seconds += onwards.result.summary.flow_seconds;
     times.inversion_seconds = onwards.result.summary.inversion_seconds;
+    times.warnings = onwards.result.summary.warnings;
   }
   result.summary = summarise(result.field, overlap, first_normal.of(store), gravity_pmr);
+  result.summary.warnings = message.summary.warnings;
+  cortshift_stereo::addWarnings(result.summary.warnings,
+                                registered.key == to_key ? warningsOf({}, registered) : times.warnings);
+  result.summary.configuration = settings.configuration;
   result.summary.projection_seconds = times.projection_seconds;
   result.summary.flow_seconds = times.flow_seconds;
   result.summary.inversion_seconds = times.inversion_seconds;

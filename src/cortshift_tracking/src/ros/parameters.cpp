@@ -5,6 +5,7 @@
 
 #include "cortshift_stereo/ros/parameter_reader.hpp"
 #include "cortshift_stereo/ros/parameter_writer.hpp"
+#include "cortshift_tracking/case/case_state.hpp"
 
 namespace cortshift_tracking {
 
@@ -25,6 +26,7 @@ void each(Reader& reader, Parameters& p, Spelt& spelt) {
   reader.number("max_surface_age", p.max_surface_age, 0.0, 3600.0);
   reader.number("max_pose_gap", p.max_pose_gap, 0.001, 10.0);
   reader.number("max_speed", p.max_speed, 0.0001, 1.0);
+  reader.number("tracker_jitter", p.poses.tracker_jitter, 0.00001, 0.01);
   reader.numbers("gravity", spelt.gravity, 3);
   reader.number("arrow_spacing", p.arrow_spacing, 0.0005, 0.05);
 
@@ -66,6 +68,10 @@ std::string ShiftTrackerParameters::effective() const {
   return writer.without({"case_folder", "threads"});  // the result does not depend on them
 }
 
+std::string ShiftTrackerParameters::configuration(const std::string& reconstruction) const {
+  return "# surface_reconstruction\n" + reconstruction + "# shift_tracker\n" + effective();
+}
+
 ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::ParameterSource& source) {
   ShiftTrackerParameters p;
   cortshift_stereo::ParameterReader reader(source);
@@ -76,11 +82,10 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   p.shift.setThreads(spelt.threads);
 
   if (!spelt.gravity.empty()) {
-    const Eigen::Vector3d direction(spelt.gravity[0], spelt.gravity[1], spelt.gravity[2]);
-    if (!direction.allFinite() || !(direction.norm() > 1e-6))
+    p.gravity_pmr = unitVector({spelt.gravity[0], spelt.gravity[1], spelt.gravity[2]});
+    if (!p.gravity_pmr)
       throw cortshift_stereo::ParameterError(
           "parameter gravity is not a direction; give three numbers in pmr, for instance [0, -1, 0], or none");
-    p.gravity_pmr = direction.normalized();
   }
   return p;
 }

@@ -1,12 +1,45 @@
 #include "cortshift_tracking/ros/stage_shift.hpp"
 
+#include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/calibration_identity.hpp"
+#include "cortshift_tracking/case/patient_registration.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/error.hpp"
 
 namespace cortshift_tracking {
 
 using cortshift_stereo::surfaceFromPointCloud2;
+
+namespace {
+
+std::string named(const cortshift_msgs::StageInfo& stage) {
+  return "'" + stage.key + "' (epoch " + std::to_string(stage.epoch) + ")";
+}
+
+/// What makes the difference of two stages no movement of the brain; nothing: they are of one epoch.
+std::optional<std::string> changeBetween(const cortshift_msgs::StageInfo& earlier,
+                                         const cortshift_msgs::StageInfo& later) {
+  const std::string between = " changed between " + named(earlier) + " and " + named(later) +
+                              ", so that their difference is no movement of the brain";
+  // The numbers alone may mislead: an epoch was counted while a stage of another one could not be read.
+  if (!sameRegistration(earlier.registration, later.registration)) return "the patient registration" + between;
+  if (!sameCalibration(earlier, later))
+    return "the calibration (camera_info, the hand-eye or the stereo edge)" + between;
+  if (earlier.epoch != later.epoch) return "the patient registration or the calibration" + between;
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::vector<std::string> warningsOf(const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to) {
+  std::vector<std::string> warnings;
+  for (const cortshift_msgs::StageInfo* stage : {&from, &to})
+    for (const std::string& warning : stage->warnings)
+      cortshift_stereo::addWarnings(warnings,
+                                    {(stage->key.empty() ? "now" : "stage '" + stage->key + "'") + ": " + warning});
+  return warnings;
+}
 
 Eigen::Vector3d FirstNormal::of(const StageStore& store) {
   const std::vector<cortshift_msgs::StageInfo> stages = store.list();
@@ -31,15 +64,18 @@ StageShift computeStageShift(const StageStore& store, const std::string& from_ke
     throw TrackingError("stage '" + from_key + "' was captured after '" + to_key +
                         "'; the shift goes from an earlier to a later stage: swap the two");
   const StageRecord earlier = store.load(from_key), later = store.load(to_key);
-  if (!across_epochs && earlier.info.epoch != later.info.epoch)
-    throw TrackingError("the patient registration changed between '" + from_key + "' (epoch " +
-                        std::to_string(earlier.info.epoch) + ") and '" + to_key + "' (epoch " +
-                        std::to_string(later.info.epoch) +
-                        "), so that their difference is no movement of the brain; choose stages of one epoch, or ask "
-                        "for compute_shift_across_epochs");
-  return {earlier.info, later.info,
-          computeShift(surfaceFromPointCloud2(*earlier.surface), surfaceFromPointCloud2(*later.surface),
-                       {first_normal.of(store), gravity_pmr}, settings, excluded)};
+  std::vector<std::string> warnings;
+  if (const auto change = changeBetween(earlier.info, later.info)) {
+    if (!across_epochs)
+      throw TrackingError(*change + "; choose stages of one epoch, or ask for compute_shift_across_epochs");
+    warnings.push_back(*change);
+  }
+  StageShift shift{earlier.info, later.info,
+                   computeShift(surfaceFromPointCloud2(*earlier.surface), surfaceFromPointCloud2(*later.surface),
+                                {first_normal.of(store), gravity_pmr}, settings, excluded)};
+  cortshift_stereo::addWarnings(warnings, warningsOf(earlier.info, later.info));
+  shift.result.summary.warnings = warnings;
+  return shift;
 }
 
 }  // namespace cortshift_tracking

@@ -5,10 +5,11 @@
 #include <vector>
 
 #include "cortshift_flow/flow.hpp"
+#include "cortshift_flow/range.hpp"
+#include "cortshift_tracking/error.hpp"
 #include "matching/flow_targets.hpp"
 #include "matching/window_mean.hpp"
 #include "parallel.hpp"
-#include "range.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -77,8 +78,8 @@ float logWithin(float value, float low, float high) { return std::log(std::clamp
 }  // namespace
 
 void AgreementSettings::validate() const {
-  requireRange("match_window", window, 0.0005, 0.02);
-  requireRange("image_noise", image_noise, 0.0, 0.2);
+  cortshift_flow::requireRange<TrackingError>("match_window", window, 0.0005, 0.02);
+  cortshift_flow::requireRange<TrackingError>("image_noise", image_noise, 0.0, 0.2);
 }
 
 Agreement agreementOf(const Seen& first, const Seen& second, const cv::Mat& flow, double resolution,

@@ -6,12 +6,12 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "cortshift_flow/range.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/matching/image_matching.hpp"
 #include "matching/flow_targets.hpp"
 #include "matching/window_mean.hpp"
 #include "parallel.hpp"
-#include "range.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -113,10 +113,10 @@ void dropIslands(cv::Mat& confidence, double window) {
 }  // namespace
 
 void TrustSettings::validate() const {
-  requireRange("border", border, 0.0, 0.02);
-  requireRange("hole_border", hole_border, 0.0, 0.02);
-  requireRange("glare", glare, 0.5, 1.0);
-  requireRange("glare_margin", glare_margin, 0.0, 0.01);
+  cortshift_flow::requireRange<TrackingError>("border", border, 0.0, 0.02);
+  cortshift_flow::requireRange<TrackingError>("hole_border", hole_border, 0.0, 0.02);
+  cortshift_flow::requireRange<TrackingError>("glare", glare, 0.5, 1.0);
+  cortshift_flow::requireRange<TrackingError>("glare_margin", glare_margin, 0.0, 0.01);
   agreement.validate();
 }
 

@@ -9,40 +9,14 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
-#include <cerrno>
 #include <fstream>
 #include <random>
 #include <set>
 
+#include "case/case_folder.hpp"
+#include "case/failing_disk.hpp"
+#include "case/stage_samples.hpp"
 #include "cortshift_tracking/error.hpp"
-#include "stage_samples.hpp"
-
-namespace {
-
-constexpr long kUnlimited = -1;
-std::atomic<long> disk_room{kUnlimited};  // bytes that write(2) still takes
-std::atomic<bool> sync_works{true};
-
-}  // namespace
-
-// The store's calls into the system come here: a disk that fills up or fails, without a disk.
-extern "C" ssize_t write(int descriptor, const void* bytes, size_t size) {
-  if (disk_room == kUnlimited) return ::syscall(SYS_write, descriptor, bytes, size);
-  const size_t taken = std::min(size, static_cast<size_t>(disk_room.load()));
-  if (taken == 0 && size > 0) {
-    errno = ENOSPC;
-    return -1;
-  }
-  disk_room -= static_cast<long>(taken);
-  return ::syscall(SYS_write, descriptor, bytes, taken);
-}
-
-extern "C" int fsync(int descriptor) {
-  if (sync_works) return static_cast<int>(::syscall(SYS_fsync, descriptor));
-  errno = EIO;
-  return -1;
-}
 
 namespace cortshift_tracking {
 namespace {
@@ -64,37 +38,7 @@ namespace fs = std::filesystem;
   ::_exit(1);
 }
 
-class StageStoreTest : public testing::Test {
- protected:
-  StageStoreTest() {
-    std::string name = (fs::temp_directory_path() / "cortshift-store-XXXXXX").string();
-    folder = ::mkdtemp(name.data());
-  }
-  ~StageStoreTest() override {
-    std::error_code ignored;
-    fs::remove_all(folder, ignored);
-  }
-
-  std::vector<fs::path> bags() const {
-    std::vector<fs::path> found;
-    for (const auto& file : fs::directory_iterator(folder))
-      if (file.path().extension() == ".bag") found.push_back(file.path());
-    std::sort(found.begin(), found.end());
-    return found;
-  }
-
-  template <typename Action>
-  static std::string refusal(Action action) {
-    try {
-      action();
-    } catch (const TrackingError& error) {
-      return error.what();
-    }
-    return "";
-  }
-
-  fs::path folder;
-};
+using StageStoreTest = CaseFolderTest;
 
 TEST_F(StageStoreTest, KeepsEverythingInOrderAcrossRestarts) {
   StageRecord full = sampleStage("second");
@@ -219,9 +163,9 @@ TEST_F(StageStoreTest, AFullDiskRefusesAndLeavesNothingBehind) {
   StageStore store(folder);
   store.add(sampleStage("one"));
   for (const long room : {0L, 1L, 100000L, 299999L}) {
-    disk_room = room;
+    failing_disk::room = room;
     const std::string reason = refusal([&] { store.add(sampleStage("large")); });
-    disk_room = kUnlimited;
+    failing_disk::room = failing_disk::kUnlimited;
     EXPECT_NE(reason.find("No space left on device"), std::string::npos) << reason;
     EXPECT_EQ(store.list().size(), 1U);
     EXPECT_EQ(std::distance(fs::directory_iterator(folder), {}), 2);  // the stage and the lock
@@ -232,9 +176,9 @@ TEST_F(StageStoreTest, AFullDiskRefusesAndLeavesNothingBehind) {
 
 TEST_F(StageStoreTest, ADiskThatCannotSyncIsNotBelieved) {
   StageStore store(folder);
-  sync_works = false;
+  failing_disk::sync_works = false;
   const std::string reason = refusal([&] { store.add(sampleStage("one")); });
-  sync_works = true;
+  failing_disk::sync_works = true;
   EXPECT_NE(reason.find("cannot sync"), std::string::npos) << reason;
   EXPECT_TRUE(store.list().empty());
   EXPECT_TRUE(bags().empty());

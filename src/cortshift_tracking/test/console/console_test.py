@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """The console on the phantom: a whole case by keys, then another one by the page's buttons in a real browser."""
+import contextlib
 import json
 import os
 import pty
@@ -10,7 +11,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 import unittest
 import urllib.error
 import urllib.request
@@ -29,6 +29,18 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..'
 from graph import ShiftTracker, wait_until  # noqa: E402
 
 LONG = 90  # s for anything that computes
+
+
+@contextlib.contextmanager
+def suspended(node):
+    """The process of a node, stopped for as long as `with` lasts."""
+    api = xmlrpc.client.ServerProxy(rosnode.get_api_uri(rosgraph.Master('/test_console'), '/' + node))
+    pid = api.getPid('/test_console')[2]
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(pid, signal.SIGCONT)
 
 
 class Terminal:
@@ -90,7 +102,14 @@ class Console(unittest.TestCase):
             text = error.read()
             return error.code, json.loads(text) if error.headers.get_content_type() == 'application/json' else {}
 
-    def test_1_a_case_by_keys(self):
+    def test_a_case_from_the_first_key_to_the_last(self):
+        """One console and one case: each step goes on from the one before."""
+        for step in (self.a_case_by_keys, self.a_case_in_the_browser, self.the_page_is_for_this_machine_alone,
+                     self.a_second_request_waits_for_the_first, self.silent_nodes_are_warned_of, self.quits):
+            print('step:', step.__name__.replace('_', ' '), flush=True)
+            step()
+
+    def a_case_by_keys(self):
         t = self.terminal
         t.press('s', 'REFUSED: a shift needs two stages')
         t.press('v', 'REFUSED: live mode needs a stage')
@@ -108,7 +127,7 @@ class Console(unittest.TestCase):
         self.assertRegex(t.text, r'coverage \d\d+ %')
         self.assertEqual([s.key for s in self.tracker.list_stages().stages], ['stage_01', 'stage_02'])
 
-    def test_2_a_case_in_the_browser(self):
+    def a_case_in_the_browser(self):
         options = webdriver.ChromeOptions()
         options.binary_location = '/usr/bin/chromium'
         for argument in ('--headless', '--no-sandbox', '--disable-gpu', '--disable-dev-shm-usage', '--window-size=1280,1250'):
@@ -133,17 +152,13 @@ class Console(unittest.TestCase):
         browser.find_element(By.ID, 'note').send_keys('cavity <b>open</b>')
         click('capture', "stage 'stage_03' is stored")
         self.assertEqual(self.tracker.list_stages().stages[-1].note, 'cavity <b>open</b>')
-        seen = {'progress': 0}
         button = browser.find_element(By.ID, 'compute')
         wait_until(button.is_enabled, LONG, 'the button')
-        button.click()
-
-        def done():
-            bar = browser.find_element(By.CSS_SELECTOR, '.bar').get_attribute('aria-valuenow')
-            seen['progress'] = max(seen['progress'], int(bar))
-            return re.search('shift stage_02 to stage_03', text('message'))
-        wait_until(done, LONG, 'the shift')
-        self.assertGreater(seen['progress'], 10)
+        with suspended('shift_tracker'):   # a shift that takes its time
+            button.click()
+            wait_until(lambda: int(browser.find_element(By.CSS_SELECTOR, '.bar').get_attribute('aria-valuenow')) > 10, LONG,
+                       'progress')
+        wait_until(lambda: re.search('shift stage_02 to stage_03', text('message')), LONG, 'the shift')
         # The numbers of the pair that the keys computed stand there until the page has asked again.
         wait_until(lambda: text('pair') == 'stage_02 → stage_03', 20, 'the pair')
         summary = self.tracker.field('stage_02', 'stage_03').summary
@@ -168,7 +183,7 @@ class Console(unittest.TestCase):
         wrong = [entry['message'] for entry in browser.get_log('browser') if entry['level'] == 'SEVERE']
         self.assertEqual([w for w in wrong if '409' not in w], [])
 
-    def test_3_the_page_is_for_this_machine_alone(self):
+    def the_page_is_for_this_machine_alone(self):
         port = int(self.address.rsplit(':', 1)[1].strip('/'))
         with self.assertRaises(ConnectionRefusedError):  # it listens on 127.0.0.1
             socket.create_connection(('127.0.0.2', port))
@@ -183,7 +198,7 @@ class Console(unittest.TestCase):
         self.assertEqual(self.ask('picture/../../console_page.py', None)[0], 404)
         self.assertEqual(len(self.tracker.list_stages().stages), before)
 
-    def test_4_a_second_request_waits_for_the_first(self):
+    def a_second_request_waits_for_the_first(self):
         header = {'X-Cortshift': '1'}
         wait_until(lambda: not self.ask('status', None)[1]['activity']['busy'], LONG, 'nothing under way')
         self.assertEqual(self.ask('compute', **header)[0], 200)
@@ -192,17 +207,13 @@ class Console(unittest.TestCase):
         self.assertIn('still under way', answer['message'])
         wait_until(lambda: not self.ask('status', None)[1]['activity']['busy'], LONG, 'the shift done')
 
-    def test_5_silent_nodes_are_warned_of(self):
-        node = xmlrpc.client.ServerProxy(rosnode.get_api_uri(rosgraph.Master('/test_console'), '/surface_reconstruction'))
-        pid = node.getPid('/test_console')[2]
-        os.kill(pid, signal.SIGSTOP)
-        self.addCleanup(os.kill, pid, signal.SIGCONT)
-        wait_until(lambda: any('nothing is heard of surface_reconstruction' in w for w in self.ask('status', None)[1]['warnings']),
-                   30, 'warning of the silent node')
-        self.assertIsNone(self.ask('status', None)[1]['coverage'])
+    def silent_nodes_are_warned_of(self):
+        with suspended('surface_reconstruction'):
+            wait_until(lambda: any('nothing is heard of surface_reconstruction' in w
+                                   for w in self.ask('status', None)[1]['warnings']), LONG, 'warning of the silent node')
+            self.assertIsNone(self.ask('status', None)[1]['coverage'])
 
-    def test_6_quits(self):
-        time.sleep(0.5)
+    def quits(self):
         os.write(self.terminal._master, b'q')
         self.assertEqual(self.terminal.process.wait(20), 0)
 

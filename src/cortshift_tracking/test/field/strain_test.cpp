@@ -113,6 +113,20 @@ TEST(Closure, ChainsAgreeWithTheDirectFieldOrShowTheGap) {
   EXPECT_NEAR(bad.median, 0.0005, 1e-7);
 }
 
+TEST(Closure, GivesTheMedianAndThe95thPercentileOfTheGaps) {
+  const auto flat = [](double, double) { return 0.0; };
+  const auto still = [](const Eigen::Vector3d& p) { return p; };
+  const double k = 0.05;  // the gap grows along x, so that each column of the grid is a percentile
+  const auto growing = [k](const Eigen::Vector3d& p) { return Eigen::Vector3d(p[0], p[1], p[2] + k * p[0]); };
+  const ProjectionFrame frame = turnedFrame({201, 20});
+  ProjectionFrame shifted = frame;  // so that no point lies on the rounding of a grid line
+  shifted.T_pmr_projection.translate(Eigen::Vector3d(-0.00005, -0.00005, 0));
+  const Closure closure = closureOf({fieldOf(shifted, flat, still)}, fieldOf(frame, flat, growing));
+  EXPECT_EQ(closure.points, 200U * 19U);  // beyond the last row and column of `shifted` nothing is known
+  EXPECT_NEAR(closure.median, k * 100 * 0.0002, k * 0.00015);
+  EXPECT_NEAR(closure.p95, k * 190 * 0.0002, k * 0.00015);
+}
+
 TEST(ExcludedMask, CoversWhatThePolygonCovers) {
   const ProjectionFrame frame = turnedFrame({100, 80});
   const cv::Mat mask = excludedMask(frame, {{{0.002, 0.002}, {0.008, 0.002}, {0.008, 0.006}, {0.002, 0.006}}});

@@ -7,7 +7,6 @@ import threading
 import time
 import unittest
 
-import cv2
 import numpy as np
 import rospy
 import rostest
@@ -15,10 +14,11 @@ import tf2_ros
 from cortshift_msgs.srv import ComputeShift, TriggerCapture, TriggerCaptureResponse
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import PointCloud2
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 from graph import ShiftTracker, wait_until  # noqa: E402
+from sheet import sheet  # noqa: E402
 
 RATE = 20.0  # of the tracker [Hz]
 
@@ -59,22 +59,6 @@ class Tracker:
                                                           self._place[1], rospy.Time.from_sec(now)))
 
 
-def surface(stamp):
-    """A textured, slightly curved sheet of 60 x 60 mm."""
-    size = 240
-    y, x = np.mgrid[:size, :size] * 0.00025 - 0.03
-    texture = cv2.GaussianBlur(np.random.default_rng(1).uniform(0, 255, (size, size)).astype(np.float32), (0, 0), 2.5)
-    grey = cv2.normalize(texture, None, 30, 220, cv2.NORM_MINMAX).astype(np.uint32)
-    cloud = np.zeros((size, size, 5), np.float32)
-    cloud[..., 0], cloud[..., 1], cloud[..., 2] = x, y, 0.3 + 2 * (x ** 2 + y ** 2)
-    cloud[..., 3] = (0xff000000 | grey << 16 | grey << 8 | grey).astype(np.uint32).view(np.float32)
-    cloud[..., 4] = 1
-    message = PointCloud2(height=size, width=size, point_step=20, row_step=20 * size, data=cloud.tobytes())
-    message.header.frame_id, message.header.stamp = 'pmr', stamp
-    message.fields = [PointField(n, 4 * i, PointField.FLOAT32, 1) for i, n in enumerate(('x', 'y', 'z', 'rgb', 'confidence'))]
-    return message
-
-
 class PoseDiscipline(unittest.TestCase):
     hide_at_exposure = False
 
@@ -102,7 +86,7 @@ class PoseDiscipline(unittest.TestCase):
         if cls.hide_at_exposure:
             cls.tool.hidden = True
             stamp += rospy.Duration(0.1)
-        threading.Timer(0.7, lambda: cls.surfaces.publish(surface(stamp))).start()
+        threading.Timer(0.7, lambda: cls.surfaces.publish(sheet(stamp))).start()
         return TriggerCaptureResponse(True, '', stamp)
 
     @classmethod

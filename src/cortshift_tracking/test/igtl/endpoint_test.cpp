@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
+#include <atomic>
+#include <cerrno>
 #include <chrono>
 #include <functional>
 #include <map>
@@ -13,6 +16,21 @@
 
 #include "cortshift_tracking/igtl/compose.hpp"
 #include "packets.hpp"
+
+namespace {
+
+std::atomic<bool> descriptors_left{true};
+std::atomic<int> refused_accepts{0};
+
+}  // namespace
+
+/// In the place of the system's: as if every file descriptor of the process were in use.
+extern "C" int accept4(int socket, sockaddr* address, socklen_t* size, int flags) {
+  if (descriptors_left) return static_cast<int>(::syscall(SYS_accept4, socket, address, size, flags));
+  ++refused_accepts;
+  errno = EMFILE;
+  return -1;
+}
 
 namespace cortshift_tracking::igt {
 namespace {
@@ -69,7 +87,7 @@ class Peer {
   StreamDecoder decoder_{64 << 20};
 };
 
-/// An endpoint that answers STRING with the same text and calls "bad" a breach of the protocol.
+/// An endpoint that answers STRING with the same text, calls "bad" a breach of the protocol and fails over "odd".
 class EndpointTest : public ::testing::Test {
  protected:
   void start(EndpointSettings settings) {
@@ -79,11 +97,18 @@ class EndpointTest : public ::testing::Test {
     handlers.on_message = [this](PeerId peer, const Message& message) {
       const std::string text = decodeString(message);
       if (text == "bad") throw ProtocolError("bad");
+      if (text == "odd") throw std::runtime_error("no such thing");
+      if (text == "odder") throw 7;
       endpoint_->send(peer, std::make_shared<const Bytes>(composeString({"echo", 1}, text)));
     };
     handlers.on_close = [this](PeerId, const std::string&, const std::string& reason) {
       const std::lock_guard<std::mutex> lock(mutex_);
       ++closed_[reason];
+      if (close_fails_) throw std::bad_alloc();
+    };
+    handlers.on_failure = [this](const std::string& what) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      ++failures_[what];
     };
     endpoint_ = std::make_unique<Endpoint>(settings, handlers);
     endpoint_->start();
@@ -98,7 +123,8 @@ class EndpointTest : public ::testing::Test {
   }
 
   std::mutex mutex_;
-  std::map<std::string, int> closed_;
+  std::map<std::string, int> closed_, failures_;
+  std::atomic<bool> close_fails_{false};
   std::unique_ptr<Endpoint> endpoint_;
 };
 
@@ -112,6 +138,44 @@ TEST_F(EndpointTest, BreachClosesThatConnectionAlone) {
   EXPECT_FALSE(stream.receive());
   expectEcho(good, "two");
   EXPECT_TRUE(eventually([&] { return endpoint_->state().malformed == 2; }));
+}
+
+TEST_F(EndpointTest, OutlivesWhateverItsHandlersThrow) {
+  start({});
+  Peer good(endpoint_->port()), odd(endpoint_->port()), odder(endpoint_->port());
+  expectEcho(good, "one");
+  odd.send(composeString({"ask", 1}, "odd"));
+  EXPECT_FALSE(odd.receive()) << "what became of its message is not known";
+  close_fails_ = true;
+  odder.send(composeString({"ask", 1}, "odder"));
+  EXPECT_FALSE(odder.receive());
+  EXPECT_TRUE(eventually([&] { return endpoint_->state().failures == 3; }));
+  close_fails_ = false;
+  expectEcho(good, "two");
+  Peer later(endpoint_->port());
+  expectEcho(later, "three");
+  EXPECT_EQ(endpoint_->state().malformed, 0u);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  EXPECT_EQ(failures_["a message could not be taken: no such thing"], 1);
+  EXPECT_EQ(failures_["a message could not be taken: an exception of no known type"], 1);
+  EXPECT_EQ(failures_["std::bad_alloc"], 1);
+}
+
+TEST_F(EndpointTest, WaitsWhereNoDescriptorIsLeft) {
+  start({});
+  Peer before(endpoint_->port());
+  expectEcho(before, "one");
+  refused_accepts = 0;
+  descriptors_left = false;
+  Peer waiting(endpoint_->port());
+  EXPECT_TRUE(eventually([&] { return endpoint_->state().failures >= 2; }));
+  expectEcho(before, "two");
+  // Asked once before each pause, not as often as the processor can.
+  EXPECT_LE(refused_accepts, static_cast<int>(endpoint_->state().failures) + 1);
+  EXPECT_EQ(endpoint_->state().last_failure,
+            "no peer can connect: Too many open files; close what holds files or sockets open, or raise `ulimit -n`");
+  descriptors_left = true;
+  expectEcho(waiting, "three");
 }
 
 TEST_F(EndpointTest, OnlyAllowedPeers) {

@@ -67,9 +67,9 @@ TEST(VtkFile, IsWholeOrNotThere) {
   EXPECT_NE(text.find("POLYGONS 1 5\n"), std::string::npos);
   EXPECT_NE(text.find("VECTORS displacement float\n"), std::string::npos);
   EXPECT_FALSE(std::ifstream(path + ".part"));
-  std::remove(path.c_str());
-  EXPECT_THROW(writeVtk("/nonexistent/field.vtk", "t", makeMesh(grid(2, 2), 1, kSpace), Axes::kRas),
+  EXPECT_THROW(writeVtk(path + "/below_a_file.vtk", "t", makeMesh(grid(2, 2), 1, kSpace), Axes::kRas),
                std::runtime_error);
+  std::remove(path.c_str());
 }
 
 }  // namespace

@@ -203,6 +203,19 @@ TEST(Wire, RefusesBrokenMessages) {
   expectRefused(packet(2, "TRANSFORM", "M", 1, body), "metadata");
 }
 
+TEST(Wire, TakesEveryLetterAndDigitInATypeAndNothingElse) {
+  for (const char* type : {"ABC_019", "XYZ", "9", "A"}) {
+    const Bytes bytes = packetV1(type, "M", 1, {});
+    StreamDecoder decoder(1000);
+    decoder.append(bytes.data(), bytes.size());
+    const auto message = decoder.next();
+    ASSERT_TRUE(message) << type;
+    EXPECT_EQ(message->type, type);
+  }
+  for (const char* type : {"transform", "A-B", "A B", "A:", "A/", "A@", "A["})
+    expectRefused(packetV1(type, "M", 1, {}), "message type");
+}
+
 TEST(Wire, RefusesContentOfTheWrongForm) {
   for (const char* type : {"TRANSFORM", "POSITION", "TDATA"})
     for (const std::size_t size : {1u, 47u, 49u, 71u, 100u}) {

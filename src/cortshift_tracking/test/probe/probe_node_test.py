@@ -16,7 +16,7 @@ from cortshift_msgs.msg import StageInfo
 from cortshift_msgs.srv import (DeletePoint, DigitizeGravity, DigitizePoint, ListPoints, ListStages, ListStagesResponse,
                                 SetGravity, SetGravityResponse)
 from cortshift_tracking.probe.store import read_points
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TransformStamped
 from scipy.spatial.transform import Rotation
 
@@ -95,7 +95,7 @@ class ProbeNode(unittest.TestCase):
         rospy.init_node('test_probe_node')
         rospy.Service('/shift_tracker/list_stages', ListStages,
                       lambda _: ListStagesResponse([StageInfo(key='first'), StageInfo(key='second')]))
-        cls.gravity = []
+        cls.gravity, cls.refuse = [], False
         rospy.Service('/shift_tracker/set_gravity', SetGravity, cls.take_gravity)
         for name, kind in (('digitize_point', DigitizePoint), ('digitize_gravity', DigitizeGravity), ('list_points', ListPoints),
                            ('delete_point', DeletePoint)):
@@ -105,7 +105,7 @@ class ProbeNode(unittest.TestCase):
     @classmethod
     def take_gravity(cls, request):
         cls.gravity.append([request.gravity.x, request.gravity.y, request.gravity.z])
-        return SetGravityResponse(True, 'gravity is set')
+        return SetGravityResponse(not cls.refuse, 'gravity is set')
 
     @classmethod
     def tearDownClass(cls):
@@ -178,6 +178,27 @@ class ProbeNode(unittest.TestCase):
         self.assertEqual(len(self.gravity), 1)  # the shift tracker was told, once
         self.assertTrue(np.allclose(self.gravity[0], measured))
         self.assertIn('delete it first', self.digitize_gravity('lower').message)
+
+        # A shift_tracker that comes back without gravity is told again; one that knows it is left alone.
+        states = rospy.Publisher('/diagnostics', DiagnosticArray, queue_size=10)
+        wait_until(lambda: states.get_num_connections() > 0, 20, 'the subscription of the probe node')
+        for gravity in ('0.1 0.2 -0.9', 'not known', '0.1 0.2 -0.9'):
+            states.publish(DiagnosticArray(status=[DiagnosticStatus(name='shift_tracker: state',
+                                                                    values=[KeyValue('gravity', gravity)])]))
+        wait_until(lambda: len(self.gravity) > 1, 20, 'the second hand-over')
+        self.assertTrue(np.allclose(self.gravity[1], measured))
+        type(self).refuse = True  # as where the case cannot be written: it is offered again, though not at once
+        states.publish(DiagnosticArray(status=[DiagnosticStatus(name='shift_tracker: state',
+                                                                values=[KeyValue('gravity', 'not known')])]))
+        wait_until(lambda: len(self.gravity) > 2, 20, 'the third hand-over')
+        type(self).refuse = False
+        known = DiagnosticArray(status=[DiagnosticStatus(name='shift_tracker: state', values=[KeyValue('gravity', '1 0 0')])])
+
+        def offered_again():
+            states.publish(known)
+            return len(self.gravity) > 3
+        wait_until(offered_again, 30, 'the hand-over of what was not taken')
+        self.assertEqual(len(self.gravity), 4)
 
     def test_5_deleting_and_the_file(self):
         self.assertIn('there are: first/vein', self.delete_point('first', 'artery').message)

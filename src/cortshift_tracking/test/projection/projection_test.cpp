@@ -179,6 +179,28 @@ TEST(Projection, FoldsAreFlaggedAndTheNearestLayerWins) {
   EXPECT_NEAR(projection.height.at<float>(20, 150), -0.004, 1e-8);
 }
 
+TEST(Projection, LayersCloserThanTheToleranceAreNoFold) {
+  const auto foldedBy = [](double gap, const ProjectionSettings& settings) {
+    // A sheet that runs right, back under itself and right again `gap` below: over x = 7 mm three layers.
+    cortshift_stereo::Surface surface = sheet(300, 40, [](double, double) { return 0.0; });
+    for (int row = 0; row < 40; ++row)
+      for (int column = 0; column < 300; ++column) {
+        const double s = column * 0.0001;
+        const double x = s < 0.01 ? s : s < 0.015 ? 0.02 - s : s - 0.01;
+        const double z = s < 0.01 ? 0 : s < 0.015 ? -(s - 0.01) / 0.005 * gap : -gap;
+        surface.points.at<cv::Vec3f>(row, column)[0] = static_cast<float>(x);
+        surface.points.at<cv::Vec3f>(row, column)[2] = static_cast<float>(z);
+      }
+    return project(surface, flatFrame(surface), settings).fold.at<uchar>(20, 70) != 0;
+  };
+  EXPECT_FALSE(foldedBy(0.00025, {}));
+  EXPECT_TRUE(foldedBy(0.00035, {}));  // the default is 0.3 mm
+  ProjectionSettings wide;
+  wide.fold_tolerance = 0.002;
+  EXPECT_FALSE(foldedBy(0.0019, wide));
+  EXPECT_TRUE(foldedBy(0.0021, wide));
+}
+
 TEST(Projection, SameBitsForOneAndTwoThreads) {
   const AnalyticScene scene = standardScene();
   const auto surface = scene.see(scene.cameraAt(0.3, 0.1, 0, 0.2, {200, 150}, 0.03), AnalyticScene::atRest());

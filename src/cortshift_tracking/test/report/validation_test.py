@@ -27,22 +27,9 @@ def exact(tmp_path_factory):
     return read_case(folder)
 
 
-@pytest.fixture(scope='module')
-def noisy(tmp_path_factory):
-    """Accuracies and pairs of first -> last over 40 sets of probe points with 0.3 mm noise."""
-    folder = str(tmp_path_factory.mktemp('noisy'))
-    synthetic.write_case(folder, probe_noise=0.0)
-    case = read_case(folder)
-    picks = read_picks(os.path.join(folder, 'picks.csv'))[0]
-    random = np.random.default_rng(4)
-    accuracies, rows = [], []
-    for _ in range(40):
-        points = [p.__class__(p.stage, p.label, p.stamp, tuple(p.position + random.normal(0, 0.0003, 3)), p.spread, p.samples)
-                  for p in case.points if p.stage in (NAMES[0], NAMES[2])]
-        both = [surface_accuracy(case.stage(key), points, picks) for key in (NAMES[0], NAMES[2])]
-        accuracies += both[0]
-        rows += compare_pair(case.field(NAMES[0], NAMES[2]), case.stage(NAMES[0]), *both, points)
-    return accuracies, rows
+def moved(points, stage, label, by):
+    """The points, that label at that stage displaced by a vector [m]."""
+    return [replace(p, position_pmr=tuple(p.position + by)) if (p.stage, p.label) == (stage, label) else p for p in points]
 
 
 def test_case_is_read_whole(exact):
@@ -76,16 +63,41 @@ def test_exact_probe_and_field_agree(exact):
             assert np.linalg.norm(row.probe - (true[1] - true[0])) < 1e-9
 
 
-def test_noise_of_the_probe_appears_as_it_should(noisy):
-    accuracies, rows = noisy
-    # To the homologous point: the length of three components of 0.3 mm; to the surface: one component.
-    assert np.isclose(np.sqrt(np.mean([a.to_homologous ** 2 for a in accuracies])), 0.0003 * np.sqrt(3), rtol=0.1)
-    assert np.isclose(np.sqrt(np.mean([a.to_surface ** 2 for a in accuracies])), 0.0003, rtol=0.12)
-    # A displacement is the difference of two points; its length sees the noise along itself.
-    differences = np.array([r.difference for r in rows])
-    assert np.allclose(np.sqrt((differences ** 2).mean(0)), 0.0003 * np.sqrt(2), rtol=0.15)
-    lengths = np.array([np.linalg.norm(r.probe) - np.linalg.norm(r.flow) for r in rows])
-    assert np.isclose(lengths.std(), 0.0003 * np.sqrt(2), rtol=0.15)
+def axes_of_the_surface(key, label, step=1e-5):
+    """Outward normal and two tangents (unit, in pmr) at a labelled place, from the formula."""
+    x, y = synthetic.LABELS[label]
+    along = [synthetic.surface(key, np.array(x + dx), np.array(y + dy)) - synthetic.surface(key, np.array(x), np.array(y))
+             for dx, dy in ((step, 0), (0, step))]
+    normal = np.cross(*along)
+    across = np.cross(normal, along[0])
+    return [v / np.linalg.norm(v) for v in (normal, along[0], across)]
+
+
+@pytest.mark.parametrize('label', synthetic.LABELS)
+@pytest.mark.parametrize('amount', [0.0003, -0.0003])
+def test_a_probe_that_is_off_shows_where_and_by_how_much(exact, label, amount):
+    """To the picked point: the whole length; to the surface: what is along its normal, positive outside."""
+    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))[0]
+    for axis, to_surface in zip(axes_of_the_surface(NAMES[1], label), (amount, 0, 0)):
+        found = {a.label: a for a in surface_accuracy(exact.stage(NAMES[1]), moved(exact.points, NAMES[1], label, amount * axis), picks)}
+        assert abs(found[label].to_homologous - abs(amount)) < 3e-5 and abs(found[label].to_surface - to_surface) < 3e-5
+        assert all(a.to_homologous < 3e-5 for other, a in found.items() if other != label)
+
+
+@pytest.mark.parametrize('label', synthetic.LABELS)
+def test_a_displacement_that_is_off_shows_along_its_axis(exact, label):
+    """A later point that is off by 0.3 mm: along the displacement its length changes by that, across it hardly."""
+    field, stage = exact.field(NAMES[0], NAMES[2]), exact.stage(NAMES[0])
+    picks = read_picks(os.path.join(exact.folder, 'picks.csv'))[0]
+    true = np.subtract(*(synthetic.surface(key, *map(np.array, synthetic.LABELS[label])) for key in (NAMES[2], NAMES[0])))
+    along = true / np.linalg.norm(true)
+    across = np.cross(along, [1, 0, 0])
+    for axis, longer in ((along, 0.0003), (-along, -0.0003), (across / np.linalg.norm(across), 0)):
+        points = moved(exact.points, NAMES[2], label, 0.0003 * axis)
+        rows = compare_pair(field, stage, *(surface_accuracy(exact.stage(key), points, picks) for key in (NAMES[0], NAMES[2])), points)
+        row, = (r for r in rows if r.label == label)
+        assert np.abs(row.difference - (0.0003 * axis @ stage.T_pmr_left[:3, :3])[[2, 0, 1]]).max() < 5e-5
+        assert abs(np.linalg.norm(row.probe) - np.linalg.norm(row.flow) - longer) < 6e-5
 
 
 def test_components_are_along_the_microscope(exact):

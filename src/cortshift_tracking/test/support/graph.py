@@ -1,5 +1,6 @@
 """What the tests of the running graph share: calling its services and reading its fields."""
 import os
+import signal
 import subprocess
 import time
 
@@ -7,11 +8,14 @@ import numpy as np
 import rosbag
 import rospy
 from cortshift_msgs.msg import DisplacementField
-from cortshift_msgs.srv import CaptureStage, ComputeShift, DeleteStage, ListStages
+from cortshift_msgs.srv import (CaptureMeanStage, CaptureStage, ComputeShift, DeleteStage, ExcludeRegions, ListStages,
+                                SetGravity, TrackShift)
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 
-SERVICES = {'capture_stage': CaptureStage, 'compute_shift': ComputeShift, 'delete_stage': DeleteStage,
-            'list_stages': ListStages}
+SERVICES = {'capture_stage': CaptureStage, 'capture_mean_stage': CaptureMeanStage, 'compute_shift': ComputeShift,
+            'delete_stage': DeleteStage, 'exclude_regions': ExcludeRegions, 'list_stages': ListStages,
+            'set_gravity': SetGravity, 'track': TrackShift}
 
 
 def wait_until(condition, seconds, what):
@@ -79,3 +83,55 @@ class Player:
     def stop(self):
         self._process.terminate()
         self._process.wait(timeout=20)
+
+
+class Diagnostics:
+    """The newest status of each name on /diagnostics, with the time [s, monotonic] of its arrival."""
+
+    def __init__(self):
+        self._seen = {}
+        rospy.Subscriber('/diagnostics', DiagnosticArray, self._keep, queue_size=50)
+
+    def _keep(self, message):
+        for status in message.status:
+            self._seen[status.name] = (time.monotonic(), status)
+
+    def values(self, name):
+        """Values of a status as a dictionary, with its text as 'message'; empty where it has not been heard of."""
+        status = self._seen.get(name, (0, DiagnosticStatus()))[1]
+        return {'message': status.message, **{v.key: v.value for v in status.values}}
+
+    def wait_for(self, name, seconds=30, **expected):
+        """Wait until a status that is sent from now on has values that contain the expected texts ('' : is empty)."""
+        began = time.monotonic()
+
+        def so():
+            values = self.values(name)
+            return self._seen.get(name, (0,))[0] > began and all(
+                text in values.get(key, '') if text else values.get(key) == '' for key, text in expected.items())
+        try:
+            wait_until(so, seconds, f'{name} with {expected}')
+        except AssertionError as error:
+            raise AssertionError(f'{error}: {self.values(name)}') from None
+        return self.values(name)
+
+
+class TrackerProcess:
+    """A shift_tracker that a test starts, kills and starts again."""
+
+    def start(self, **parameters):
+        """With these parameters of the node and no others."""
+        if rospy.has_param('/shift_tracker'):
+            rospy.delete_param('/shift_tracker')
+        for name, value in parameters.items():
+            rospy.set_param(f'/shift_tracker/{name}', value)
+        self._process = subprocess.Popen(['rosrun', 'cortshift_tracking', 'shift_tracker'])
+        return ShiftTracker()
+
+    def is_running(self):
+        return self._process.poll() is None
+
+    def end(self, number=signal.SIGINT):
+        """Sends a signal and returns the exit status."""
+        self._process.send_signal(number)
+        return self._process.wait(timeout=60)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""case_recorder: parts that roll, compressed, whole; a recording that ends is begun again; a full disk pauses it."""
+"""case_recorder: parts that roll, compressed, whole, each understood alone; lost messages are noticed; a recording that ends is begun again; a full disk pauses it."""
 import os
 import signal
 import subprocess
@@ -12,11 +12,19 @@ import unittest
 import rosbag
 import rospy
 import rostest
+from cortshift_msgs.msg import DisplacementField, MicroscopeSettings
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from sensor_msgs.msg import Image
+from geometry_msgs.msg import TransformStamped
+from sensor_msgs.msg import CameraInfo, Image
+from tf2_msgs.msg import TFMessage
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 from graph import wait_until  # noqa: E402
+
+
+class Renumbered(Image):
+    """An image whose sequence number is the sender's own: rospy counts for itself where a type says that it has a header."""
+    _has_header = False
 
 
 class Recorder(unittest.TestCase):
@@ -100,6 +108,68 @@ class Recorder(unittest.TestCase):
         self.assertEqual(self.status.level, DiagnosticStatus.ERROR)
         self.assertIn('pauses', self.status.message)
         self.assertEqual(os.listdir(self.folder.name), [])
+
+    def part(self, number):
+        """Messages of a part by topic, once it is whole."""
+        def whole():
+            return [b for b in self.bags() if b.endswith(f'_{number:04d}.bag')]
+        wait_until(whole, 60, f'part {number}')
+        found = {}
+        with rosbag.Bag(whole()[0]) as bag:
+            for topic, message, stamp in bag.read_messages():
+                found.setdefault(topic, []).append((message, stamp.to_sec()))
+            self.begin = bag.get_start_time()
+        return found
+
+    def latched(self, topic, kind):
+        publisher = rospy.Publisher(topic, kind, latch=True, queue_size=5)
+        self.addCleanup(publisher.unregister)
+        return publisher
+
+    def test_every_part_begins_with_what_holds(self):
+        def edge(child, x):
+            transform = TransformStamped()
+            transform.header.frame_id, transform.child_frame_id = 'pmr', child
+            transform.transform.translation.x, transform.transform.rotation.w = x, 1.0
+            return TFMessage([transform])
+        static, settings = self.latched('/tf_static', TFMessage), self.latched('/microscope/settings', MicroscopeSettings)
+        field, info = self.latched('/shift/field', DisplacementField), rospy.Publisher('/stereo/left/camera_info', CameraInfo, queue_size=5)
+        self.recorder(minutes=0.1, files=4)
+        wait_until(lambda: static.get_num_connections() and info.get_num_connections(), 30, 'the recorder')
+        static.publish(edge('reference', 0.001))
+        static.publish(edge('left_optical', 0.002))  # the publisher's latch holds this one alone
+        settings.publish(MicroscopeSettings(magnification=2.0))
+        field.publish(DisplacementField(from_key='a', to_key='b'))
+        info.publish(CameraInfo(width=640))
+        self.part(0)
+        static.publish(edge('reference', 0.007))
+        settings.publish(MicroscopeSettings(magnification=3.0))
+        self.part(1)
+        field.unregister()  # who said it is gone; what it said holds
+        for number in (2, 3):
+            said = self.part(number)
+            edges = {m.transforms[0].child_frame_id: m.transforms[0].transform.translation.x for m, _ in said['/tf_static']}
+            self.assertEqual(edges, {'reference': 0.007, 'left_optical': 0.002}, number)
+            self.assertEqual([m.magnification for m, _ in said['/microscope/settings']], [3.0])
+            self.assertEqual([m.to_key for m, _ in said['/shift/field']], ['b'])
+            self.assertEqual([m.width for m, _ in said['/stereo/left/camera_info']], [640])
+            for topic in ('/tf_static', '/microscope/settings', '/shift/field', '/stereo/left/camera_info'):
+                self.assertTrue(all(abs(stamp - self.begin) < 0.01 for _, stamp in said[topic]), topic)
+            self.assertGreater(len(said['/stereo/left/image_raw']), 20)
+
+    def test_lost_messages_are_noticed(self):
+        numbered = rospy.Publisher('/stereo/right/image_raw', Renumbered, queue_size=50)
+        self.addCleanup(numbered.unregister)
+        self.recorder()
+        wait_until(numbered.get_num_connections, 30, 'the recorder')
+        for number in (1, 2, 3, 7, 8, 20, 2, 3):  # 3 and 11 are missing; then the publisher begins anew
+            message = Renumbered(height=1, width=1, encoding='mono8', step=1, data=b'0')
+            message.header.seq = number
+            numbered.publish(message)
+        wait_until(lambda: self.status is not None and 'messages are lost: 14 of /stereo/right/image_raw' in self.status.message, 30,
+                   'the warning')
+        self.assertEqual(self.status.level, DiagnosticStatus.WARN)
+        self.assertIn(('lost_messages', '14'), [(v.key, v.value) for v in self.status.values])
 
     def test_refuses_bad_parameters(self):
         for bad in ({'files': 1}, {'compression': 'zip'}, {'colour': 'red'}, {'folder': '/proc/nowhere'}):

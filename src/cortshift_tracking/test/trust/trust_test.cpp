@@ -2,9 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
 #include "cortshift_tracking/matching/image_matching.hpp"
 
@@ -96,29 +98,54 @@ TEST(Agreement, FollowsTheCorrelationAndIgnoresLight) {
   EXPECT_LT(agreement.residual.at<float>(40, 60), 0.3F * agreement.residual.at<float>(40, 120));
 }
 
+double odds(double probability) { return probability / (1 - probability); }
+
+/// What a doubt does to the odds of a vector: from each of the values to the next they fall, and at last are at most
+/// this share of the first ones.
+template <typename Evidence, typename Probability>
+void expectOddsToFall(const char* doubt, Evidence evidence, float Evidence::*value, const std::vector<float>& values,
+                      double share, const Probability& probability) {
+  std::vector<double> found;
+  for (const float one : values) {
+    evidence.*value = one;
+    found.push_back(odds(probability(evidence)));
+  }
+  EXPECT_EQ(std::adjacent_find(found.begin(), found.end(), [](double a, double b) { return !(b < a); }), found.end())
+      << doubt << " does not lower the odds at every step: " << testing::PrintToString(found);
+  EXPECT_LT(found.back(), share * found.front()) << doubt;
+}
+
 TEST(ProbabilityOfMatch, FallsWithEveryDoubt) {
-  const MatchEvidence sound{5e-6F, 0.95F, 0.005F, 0.02F, 3e-6F};
-  const auto probabilityWith = [&](float MatchEvidence::*doubt, float value) {
-    MatchEvidence evidence = sound;
-    evidence.*doubt = value;
-    return probabilityOfMatch(evidence);
-  };
-  const float best = probabilityOfMatch(sound);
-  EXPECT_GT(best, 0.95);
-  EXPECT_LT(probabilityWith(&MatchEvidence::flow_error, 1e-4F), best);
-  EXPECT_LT(probabilityWith(&MatchEvidence::correlation, 0.5F), best);
-  EXPECT_LT(probabilityWith(&MatchEvidence::residual, 0.05F), best);
-  EXPECT_LT(probabilityWith(&MatchEvidence::hue, 0.3F), best);
-  EXPECT_LT(probabilityWith(&MatchEvidence::bend, 5e-5F), best);
-  EXPECT_EQ(probabilityWith(&MatchEvidence::flow_error, std::numeric_limits<float>::infinity()), 0);
+  const MatchEvidence sound{5e-6F, 0.95F, 0.005F, 0.02F, 5e-6F};
+  EXPECT_GT(probabilityOfMatch(sound), 0.99);
+  const auto probability = [](const MatchEvidence& evidence) { return probabilityOfMatch(evidence); };
+  // From what a good match shows to what a wrong one does.
+  expectOddsToFall("flow_error", sound, &MatchEvidence::flow_error, {5e-6F, 2e-5F, 8e-5F, 3e-4F, 1e-3F}, 0.1,
+                   probability);
+  expectOddsToFall("correlation", sound, &MatchEvidence::correlation, {0.95F, 0.7F, 0.4F, 0.0F, -0.5F}, 0.02,
+                   probability);
+  expectOddsToFall("residual", sound, &MatchEvidence::residual, {0.005F, 0.01F, 0.03F, 0.08F, 0.2F}, 0.1, probability);
+  expectOddsToFall("hue", sound, &MatchEvidence::hue, {0.02F, 0.05F, 0.15F, 0.4F, 1.0F}, 0.25, probability);
+  expectOddsToFall("bend", sound, &MatchEvidence::bend, {5e-6F, 2e-5F, 6e-5F, 2e-4F, 5e-4F}, 0.02, probability);
+  MatchEvidence none = sound;
+  none.flow_error = std::numeric_limits<float>::infinity();
+  EXPECT_EQ(probabilityOfMatch(none), 0);
+  // Two or three middling doubts together are enough for the gate of 0.5; one is not.
+  EXPECT_GT(probabilityOfMatch({1e-4F, 0.9F, 0.01F, 0.03F, 1e-5F}), 0.9);
+  EXPECT_LT(probabilityOfMatch({1e-4F, 0.3F, 0.05F, 0.1F, 5e-5F}), 0.5);
   EXPECT_LT(probabilityOfMatch({1e-4F, 0.0F, 0.08F, 0.2F, 3e-5F}), 0.15);
 }
 
 TEST(ProbabilityOfHeight, FallsWithEveryDoubt) {
-  const float best = probabilityOfHeight({1e-5F, 0.9F});
-  EXPECT_GT(best, 0.95);
-  EXPECT_LT(probabilityOfHeight({3e-4F, 0.9F}), best);
-  EXPECT_LT(probabilityOfHeight({1e-5F, 0.1F}), best);
+  const HeightEvidence sound{1e-5F, 0.9F};
+  EXPECT_GT(probabilityOfHeight(sound), 0.99);
+  const auto probability = [](const HeightEvidence& evidence) { return probabilityOfHeight(evidence); };
+  expectOddsToFall("roughness", sound, &HeightEvidence::roughness, {1e-5F, 3e-5F, 1e-4F, 3e-4F, 1e-3F}, 0.01,
+                   probability);
+  expectOddsToFall("confidence", sound, &HeightEvidence::confidence, {0.9F, 0.5F, 0.2F, 0.05F, 0.003F}, 0.01,
+                   probability);
+  EXPECT_GT(probabilityOfHeight({1e-4F, 0.5F}), 0.9);
+  EXPECT_LT(probabilityOfHeight({5e-4F, 0.1F}), 0.5);
   EXPECT_LT(probabilityOfHeight({1e-3F, 0.05F}), 0.2);
 }
 

@@ -35,6 +35,7 @@ enum class CheckId {
   kPoseJitter,
   kPoseRepeated,
   kPoseStuck,
+  kImageRepeated,
   kPoseMotion,
   // Clocks
   kRecordTime,
@@ -45,6 +46,7 @@ enum class CheckId {
   kRegistrationUnsettled,
   kEpoch,
   kNotUnderstood,
+  kStatus,
   kCount  // of the above
 };
 

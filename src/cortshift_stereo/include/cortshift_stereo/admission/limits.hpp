@@ -14,6 +14,13 @@ struct PoseLimits {
   static constexpr double kSameRotation = 1e-6;  ///< [rad] the same
 };
 
+/// Of clocks.
+struct ClockLimits {
+  static constexpr double kTransport = 0.25;   ///< [s] from an exposure to its record: read-out, network, disk
+  static constexpr double kLive = 2.0;         ///< [s] the same in a running graph, where a simulated camera renders
+  static constexpr double kRecording = 86400;  ///< [s] no recording lasts longer
+};
+
 /// Of tf and camera_info about the stereo head: rounding of what calibrate_stereo writes into the two, and the two
 /// principal points of a rectification of its own.
 struct StereoEdgeLimits {

@@ -37,6 +37,10 @@ ImageQuality measureImage(const cv::Mat& image);
 /// Blank, saturated or defocused, naming the side.
 Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const std::string& side);
 
+/// A raw and a compressed image of one camera and stamp, CV_8UC3. JPEG loses little of what the eye sees; another
+/// scene, or the image turned or shifted, is another image.
+Findings checkSameImage(const cv::Mat& raw, const cv::Mat& decompressed, const std::string& side);
+
 /// What the rows of a pair say: swapped, no_match or epipolar where they refuse it.
 struct RowVerdict {
   Findings findings;

@@ -26,15 +26,21 @@ class PairSynchroniser {
     Side side;
     int64_t stamp_ns;
     std::optional<int64_t> nearest_gap_ns;  ///< stamp of the nearest image of the other side minus its own
+    int64_t tolerance_ns = 0;
 
     /// A sentence about what is missing.
     std::string message() const {
       const char* own = side == Side::kLeft ? "left" : "right";
       const char* other = side == Side::kLeft ? "right" : "left";
       std::string text = std::string("The ") + own + " image has no " + other + " one with its stamp";
-      text += nearest_gap_ns ? ": the nearest is " + std::to_string(1e-6 * static_cast<double>(*nearest_gap_ns)) +
-                                   " ms after it; synchronise the cameras' trigger and stamps."
-                             : std::string("; no ") + other + " image came at all: check that camera and its topic.";
+      constexpr int64_t kOneExposure = 5000000;  // [ns] two pairs are further apart
+      const bool close = nearest_gap_ns && std::abs(*nearest_gap_ns) <= kOneExposure;
+      text += nearest_gap_ns
+                  ? ": the nearest is " + std::to_string(1e-6 * static_cast<double>(*nearest_gap_ns)) +
+                        " ms after it, sync_tolerance is " + std::to_string(1e-6 * static_cast<double>(tolerance_ns)) +
+                        " ms; synchronise the cameras' trigger and stamps" +
+                        (close ? ", or set sync_tolerance if the two are of one exposure." : ".")
+                  : std::string("; no ") + other + " image came at all: check that camera and its topic.";
       return text;
     }
   };
@@ -107,7 +113,7 @@ class PairSynchroniser {
       if (candidate && (!gap || std::abs(*candidate - stamp) < std::abs(*gap))) gap = *candidate - stamp;
     if (!gap && last_given_up_[other]) gap = *last_given_up_[other] - stamp;
     last_given_up_[index(side)] = stamp;
-    unpaired_.push_back({side, stamp, gap});
+    unpaired_.push_back({side, stamp, gap, tolerance_ns_});
     waiting_[index(side)].erase(image);
   }
 

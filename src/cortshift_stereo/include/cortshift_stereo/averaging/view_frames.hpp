@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "cortshift_stereo/averaging/frame_average.hpp"
@@ -18,6 +19,7 @@ struct PosedFrame {
   Eigen::Isometry3d T_pmr_left = Eigen::Isometry3d::Identity();
   std::shared_ptr<const Rectifier> rectifier;  ///< another one means another calibration or setting
   Frame frame;
+  std::vector<std::string> warnings;  ///< what a person should know before believing it
 };
 
 /// What two pairs of one view may differ by.
@@ -42,6 +44,7 @@ class ViewFrames {
   struct Mean {
     ReconstructionResult result;  ///< as averageFrames() gives it
     Eigen::Isometry3d T_pmr_left;
+    std::vector<std::string> warnings;  ///< of any of the frames
   };
   /// Per-pixel mean of the frames and mean of their poses: the tracker's noise averages out as well. At least one
   /// frame.

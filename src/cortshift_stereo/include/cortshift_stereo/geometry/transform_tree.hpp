@@ -59,10 +59,12 @@ class TransformTree {
   /// @param history       [s] > 0: how long samples are kept behind the newest of their edge
   TransformTree(double max_pose_gap, double history);
 
-  /// T_parent_child that holds at all times; a later one replaces it.
+  /// T_parent_child that holds at all times; a later one replaces it. Two different ones at once are two
+  /// publishers, of which none is believed until one has spoken again.
+  /// @param when  [s] on any steady clock; nothing: not known
   /// `rotation` need not be normalised; beyond 0.1 % it is taken as broken.
   void addFixed(const std::string& parent, const std::string& child, const Eigen::Vector3d& translation,
-                const Eigen::Quaterniond& rotation);
+                const Eigen::Quaterniond& rotation, std::optional<double> when = std::nullopt);
 
   /// T_parent_child at `stamp_ns`. Samples may come late and out of order. One that lies before the whole history of
   /// its edge starts the edge anew (a recording that was started again).
@@ -90,6 +92,8 @@ class TransformTree {
   };
   struct Edge {
     std::optional<Sample> fixed;
+    std::optional<double> fixed_since;  // [s]
+    bool contradicted = false;          // fixed is one of two
     std::map<int64_t, Sample> samples;
   };
   struct Link {  // one edge, evaluated
@@ -99,6 +103,7 @@ class TransformTree {
 
   static Sample makeSample(const std::string& parent, const Eigen::Vector3d& translation,
                            const Eigen::Quaterniond& rotation);
+  static bool samePose(const Sample& a, const Sample& b);
   bool known(const std::string& frame) const;
   std::vector<std::string> chainToRoot(const std::string& frame) const;
   const std::string* parentOf(const std::string& frame) const;

@@ -9,34 +9,40 @@
 #include <Eigen/Geometry>
 #include <exception>
 #include <memory>
+#include <optional>
 #include <string>
+#include <vector>
 
+#include "cortshift_stereo/admission/view_memory.hpp"
 #include "cortshift_stereo/averaging/view_frames.hpp"
 #include "cortshift_stereo/rectification/rectifier_selector.hpp"
-#include "cortshift_stereo/ros/pose_tree.hpp"
+#include "cortshift_stereo/ros/pose_source.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
 
 namespace cortshift_stereo {
 
-/// One of the two is set.
+/// At least one of the two is set. Both: two sources of one image, which must agree.
 struct ImageMessage {
   sensor_msgs::ImageConstPtr raw;
   sensor_msgs::CompressedImageConstPtr compressed;
 };
 
+/// @throws PairError where raw and compressed image are both there and not the same, MessageError
+void requireOneContent(const ImageMessage& image, const std::string& side);
+
 struct PairMessages {
   ros::Time stamp;
   ImageMessage left, right;
   sensor_msgs::CameraInfoConstPtr left_info, right_info;  ///< null: none has come
-  cortshift_msgs::MicroscopeSettingsConstPtr settings;  ///< in force at the stamp; null: none has come, which means the
-                                                        ///< reference setting
+  cortshift_msgs::MicroscopeSettingsConstPtr settings;    ///< in force at the stamp; null: none has come
 };
 
 struct PairSurface {
   Surface surface_map;  ///< in the map frame (pmr)
   ReconstructionResult result;
-  std::size_t averaged = 1;  ///< pairs that the surface is the mean of
-  PosedFrame frame;          ///< of this pair alone
+  std::size_t averaged = 1;           ///< pairs that the surface is the mean of
+  PosedFrame frame;                   ///< of this pair alone
+  std::vector<std::string> warnings;  ///< of all that the surface is the mean of
 };
 
 /// Whether the two say the same of the camera, whatever their headers.
@@ -58,10 +64,15 @@ class PairReconstruction {
 
   /// @param pose_at  asked once, after the reconstruction: the tracker's next sample may still be under way
   /// @throws PairError, MessageError, CalibrationError, PoseError; see dropReason
-  PairSurface operator()(const PairMessages& pair, const PoseAt& pose_at);
+  PairSurface operator()(const PairMessages& pair, const PoseSource& poses);
 
-  /// Calibration and settings alone; the images may be missing. @throws PairError, CalibrationError
-  void check(const PairMessages& pair) { rectifierFor(pair); }
+  /// An earlier pair that is not reconstructed: its left image and pose, for what a later one is compared with.
+  /// @throws PairError, MessageError, CalibrationError, PoseError
+  void remember(const PairMessages& pair, const PoseSource& poses);
+
+  /// The same judgement without the images, which may be missing: what is accepted with a warning.
+  /// @throws PairError, CalibrationError, PoseError
+  Findings check(const PairMessages& pair, const PoseSource& poses);
 
   /// Which settings of the microscope can be used, for people.
   std::string calibratedSettings() const { return rectifiers_.calibratedSettings(); }
@@ -69,11 +80,15 @@ class PairReconstruction {
  private:
   void calibrate(const PairMessages& pair);
   std::shared_ptr<const Rectifier> rectifierFor(const PairMessages& pair);
+  Findings judgeKnown(const PairMessages& pair) const;
+  Findings judgePose(const PairMessages& pair, const StereoModel& model, const PoseSource& poses) const;
 
   SurfaceReconstructionParameters parameters_;
   sensor_msgs::CameraInfoConstPtr left_info_, right_info_;  // that rectifiers_ is calibrated with
+  std::optional<StereoModel> stereo_;                       // what they say
   RectifierSelector rectifiers_;
   ViewFrames recent_;
+  ViewMemory views_;
 };
 
 }  // namespace cortshift_stereo

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "cortshift_stereo/geometry/transform_tree.hpp"
+#include "cortshift_stereo/ros/pose_source.hpp"
 
 namespace cortshift_stereo {
 
@@ -33,6 +34,10 @@ class PoseLookup {
   /// @throws PoseError naming the edge or frame and the reason
   Eigen::Isometry3d lookup(const std::string& target, const std::string& source, const ros::Time& stamp,
                            ros::WallDuration wall_timeout);
+
+  /// What the samples that have come by now say of that pose. @throws PoseError
+  Findings judge(const std::string& target, const std::string& source, const ros::Time& stamp,
+                 const PoseLimits& limits);
 
  private:
   void add(const tf2_msgs::TFMessage& message, bool fixed);

@@ -19,7 +19,9 @@ using PoseAt =
 std::string withoutSlash(const std::string& frame);
 
 /// @param fixed  the message is of /tf_static
-void addTransforms(TransformTree& tree, const tf2_msgs::TFMessage& message, bool fixed);
+/// @param when   it came; zero: not known
+void addTransforms(TransformTree& tree, const tf2_msgs::TFMessage& message, bool fixed,
+                   const ros::Time& when = ros::Time());
 
 /// @throws PoseError
 Eigen::Isometry3d poseFrom(const TransformTree& tree, const std::string& target, const std::string& source,

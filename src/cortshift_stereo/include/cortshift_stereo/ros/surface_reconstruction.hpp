@@ -3,6 +3,7 @@
 
 #include <cortshift_msgs/AveragePairs.h>
 #include <cortshift_msgs/MicroscopeSettings.h>
+#include <cortshift_msgs/SurfaceStatus.h>
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
@@ -20,9 +21,10 @@
 
 #include "cortshift_stereo/admission/pair_synchroniser.hpp"
 #include "cortshift_stereo/averaging/frame_collector.hpp"
+#include "cortshift_stereo/ros/clock_watch.hpp"
 #include "cortshift_stereo/ros/pair_reconstruction.hpp"
 #include "cortshift_stereo/ros/pose_lookup.hpp"
-#include "cortshift_stereo/ros/settings_history.hpp"
+#include "cortshift_stereo/ros/stamped_history.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
 
 namespace cortshift_stereo {
@@ -31,7 +33,8 @@ namespace cortshift_stereo {
 /// Subscribes: stereo/{left,right}/image_raw and .../image_raw/compressed, stereo/{left,right}/camera_info,
 ///   microscope/settings, /tf, /tf_static.
 /// Publishes: surface/points (PointCloud2, organised like the rectified left image, frame `map_frame`, stamp of the
-///   pair), surface/disparity (DisparityImage), /diagnostics with the status "surface".
+///   pair), surface/status (SurfaceStatus, before those points: their warnings), surface/disparity (DisparityImage),
+///   /diagnostics with the status "surface".
 /// Services: ~average_pairs (the mean of several coming pairs of one view).
 ///
 /// The newest complete pair is worked on by a thread of its own; pairs that a newer one overtakes are counted. A pair
@@ -63,9 +66,14 @@ class SurfaceReconstruction {
   void process(const Synchroniser::Pair& pair, const ros::Time& stamp);
   /// Pair and what is known of cameras and microscope by now.
   PairMessages gather(const Synchroniser::Pair& pair, const ros::Time& stamp);
-  /// The surface under the setting at the time of the pair. A setting travels on a topic of its own and may arrive
-  /// after the pair: what was made or refused under an older one is done again.
-  PairSurface reconstruct(PairMessages messages, const PoseAt& pose_at);
+  /// Puts in what is in force at the stamp as far as it has come. With input_mutex_ held.
+  /// @return whether that says something else than what was there
+  bool refresh(PairMessages& messages) const;
+  /// The surface under the calibration and setting in force at the time of the pair. They travel on topics of their own
+  /// and may arrive after the pair: what was made or refused under older ones is done again.
+  PairSurface reconstruct(PairMessages messages, const PoseSource& poses);
+  cortshift_msgs::SurfaceStatus statusOf(const std_msgs::Header& header, const std::vector<std::string>& warnings);
+  void requireOneContent(const ros::Time& stamp);
   bool averagePairs(cortshift_msgs::AveragePairs::Request& request, cortshift_msgs::AveragePairs::Response& response);
 
   void drop(const DropReason& why, const ros::Time& stamp);
@@ -80,8 +88,13 @@ class SurfaceReconstruction {
   std::condition_variable input_arrived_;
   Synchroniser synchroniser_;
   std::optional<Synchroniser::Pair> newest_;
-  sensor_msgs::CameraInfoConstPtr infos_[2];
-  SettingsHistory settings_;
+  StampedHistory<sensor_msgs::CameraInfo> infos_[2];
+  StampedHistory<cortshift_msgs::MicroscopeSettings> settings_;
+  struct Received {
+    ImageMessage image;  // raw and compressed of one stamp together
+    ros::Time time;
+  };
+  std::map<ros::Time, Received> images_[2];  // the last few
   bool stop_ = false;
 
   PairReconstruction reconstruction_;  // worker thread only
@@ -98,12 +111,15 @@ class SurfaceReconstruction {
   ros::Time last_surface_stamp_;
   double last_seconds_ = 0;
   std::size_t last_averaged_ = 0;
+  std::vector<std::string> last_warnings_;
+  ClockWatch clock_;
   std::string calibrated_settings_;
 
   ros::CallbackQueue service_queue_;
   ros::ServiceServer average_service_;
   std::unique_ptr<ros::AsyncSpinner> service_spinner_;
   ros::Publisher points_publisher_;
+  ros::Publisher status_publisher_;
   ros::Publisher disparity_publisher_;
   std::vector<ros::Subscriber> subscribers_;
   std::mutex updater_mutex_;

@@ -1,24 +1,17 @@
 // The ranges that the values of a phantom case may have.
 #include <cmath>
 #include <set>
-#include <sstream>
 #include <utility>
 
+#include "cortshift_flow/range.hpp"
+#include "cortshift_flow/text.hpp"
 #include "cortshift_stereo_phantom/phantom_case.hpp"
 
 namespace cortshift_stereo_phantom {
 namespace {
 
-std::string text(double value) {
-  std::ostringstream out;
-  out << value;
-  return out.str();
-}
-
 void check(const std::string& key, double value, double low, double high) {
-  if (!(value >= low && value <= high))
-    throw PhantomCaseError(key + " = " + text(value) + " is not allowed; allowed is " + text(low) + " ... " +
-                           text(high));
+  cortshift_flow::requireRange<PhantomCaseError>(key, value, low, high);
 }
 
 void check(const std::string& key, const Eigen::VectorXd& values, double low, double high) {
@@ -160,7 +153,8 @@ void checkStage(const std::string& key, const StageSettings& stage) {
 void PhantomCase::validate() const {
   const double length = gravity_pmr.norm();
   if (!(std::abs(length - 1) < 1e-9))
-    throw PhantomCaseError("gravity_in_pmr has length " + text(length) + "; it must be a direction");
+    throw PhantomCaseError("gravity_in_pmr has length " + cortshift_flow::shortNumber(length) +
+                           "; it must be a direction");
   checkHead(head);
   checkCameras(cameras);
   checkLightAndImage(light, image);

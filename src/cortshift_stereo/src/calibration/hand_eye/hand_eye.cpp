@@ -3,16 +3,19 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <numeric>
 #include <opencv2/calib3d.hpp>
 
+#include "calibration/hand_eye/hand_eye_views.hpp"
 #include "calibration/least_squares.hpp"
 #include "calibration/outliers.hpp"
 #include "calibration/rigid.hpp"
+#include "cortshift_flow/range.hpp"
+#include "cortshift_flow/text.hpp"
 
 namespace cortshift_stereo {
 namespace {
+
+using cortshift_flow::shortNumber;
 
 struct Method {
   const char* name;
@@ -23,198 +26,10 @@ const Method kMethods[] = {{"Tsai", cv::CALIB_HAND_EYE_TSAI},
                            {"Horaud", cv::CALIB_HAND_EYE_HORAUD},
                            {"Andreff", cv::CALIB_HAND_EYE_ANDREFF},
                            {"Daniilidis", cv::CALIB_HAND_EYE_DANIILIDIS}};
-constexpr double kOutlierFloorPx = 1.0;    // fit of a board to its corners; no view below is called an outlier
-constexpr double kGrossFloor = 1e-3;       // [m] where a view puts the board
-constexpr double kGrossTimes = 5;          // tracker noise alone brings good views to three times the median
 constexpr double kOutlierFloorSigmas = 5;  // correction of a tracked pose
 constexpr double kLargestMisfit = 5;       // corrections may be this many times what the tracker's accuracy explains
 constexpr double kDegrees = 180 / CV_PI;
 constexpr std::size_t kFewestMethods = 3;
-const std::string kNotTogether =
-    "the tracked poses and the images do not belong together. Are they poses of the microscope in the reference frame "
-    "(not the inverse), in metres, each with its own image, and did the board stay where it was?";
-
-/// A view and the pose of the board that its image alone gives.
-struct LocatedView {
-  HandEyeView view;
-  cv::Affine3d T_left_board;
-  double fit_px = 0;
-};
-
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
-
-LocatedView locate(const CameraModel& left, const std::vector<cv::Point3d>& board, const HandEyeView& view) {
-  if (view.corners.size() != board.size())
-    throw CalibrationError("view " + view.name + " has " + std::to_string(view.corners.size()) +
-                           " corners, the board has " + std::to_string(board.size()) + "; find them again");
-  cv::Vec3d turn, shift;
-  if (!cv::solvePnP(board, view.corners, left.K, left.D, turn, shift))
-    throw CalibrationError("view " + view.name + ": no pose of the board fits its corners; take the view out");
-  Corners projected;
-  cv::projectPoints(board, turn, shift, left.K, left.D, projected);
-  double squares = 0;
-  for (std::size_t i = 0; i < board.size(); ++i) {
-    const cv::Point2d miss = projected[i] - view.corners[i];
-    squares += miss.dot(miss);
-  }
-  return {view, {turn, shift}, std::sqrt(squares / static_cast<double>(board.size()))};
-}
-
-/// None where the method finds no rotation in the views.
-std::optional<cv::Affine3d> solveClosedForm(const std::vector<LocatedView>& views,
-                                            cv::HandEyeCalibrationMethod method) {
-  std::vector<cv::Mat> R_reference_microscope, t_reference_microscope, R_left_board, t_left_board;
-  for (const auto& located : views) {
-    R_reference_microscope.emplace_back(located.view.T_reference_microscope.rotation());
-    t_reference_microscope.emplace_back(located.view.T_reference_microscope.translation());
-    R_left_board.emplace_back(located.T_left_board.rotation());
-    t_left_board.emplace_back(located.T_left_board.translation());
-  }
-  cv::Mat R, t;
-  try {
-    cv::calibrateHandEye(R_reference_microscope, t_reference_microscope, R_left_board, t_left_board, R, t, method);
-  } catch (const cv::Exception&) {  // its way to say that the equations have no rotation for a solution
-    return std::nullopt;
-  }
-  if (!cv::checkRange(R) || !cv::checkRange(t)) return std::nullopt;
-  return cv::Affine3d(cv::Matx33d(R), cv::Vec3d(t));
-}
-
-/// The board's corners as each view puts them into the reference frame, given the camera's pose in the microscope.
-class BoardInReference {
- public:
-  BoardInReference(const std::vector<cv::Point3d>& board, const cv::Affine3d& T_microscope_left,
-                   const std::vector<LocatedView>& views)
-      : board_(board), T_microscope_left_(T_microscope_left) {
-    std::vector<std::vector<cv::Point3d>> placed;
-    for (const auto& located : views) placed.push_back(place(located));
-    for (std::size_t i = 0; i < board.size(); ++i) {
-      std::vector<double> x, y, z;
-      for (const auto& points : placed) {
-        x.push_back(points[i].x);
-        y.push_back(points[i].y);
-        z.push_back(points[i].z);
-      }
-      typical_.emplace_back(median(x), median(y), median(z));
-    }
-  }
-
-  /// Root mean square distance of a view's corners from the typical ones [m].
-  double distance(const LocatedView& located) const {
-    const auto points = place(located);
-    double squares = 0;
-    for (std::size_t i = 0; i < points.size(); ++i) squares += (points[i] - typical_[i]).dot(points[i] - typical_[i]);
-    return std::sqrt(squares / static_cast<double>(points.size()));
-  }
-
-  std::vector<double> distances(const std::vector<LocatedView>& views) const {
-    std::vector<double> all;
-    for (const auto& located : views) all.push_back(distance(located));
-    return all;
-  }
-
- private:
-  std::vector<cv::Point3d> place(const LocatedView& located) const {
-    const cv::Affine3d T_reference_board =
-        located.view.T_reference_microscope * T_microscope_left_ * located.T_left_board;
-    std::vector<cv::Point3d> points;
-    for (const auto& corner : board_) points.push_back(T_reference_board * corner);
-    return points;
-  }
-
-  const std::vector<cv::Point3d>& board_;
-  cv::Affine3d T_microscope_left_;
-  std::vector<cv::Point3d> typical_;
-};
-
-double meanSquare(const std::vector<double>& values) {
-  double sum = 0;
-  for (const double value : values) sum += value * value;
-  return sum / static_cast<double>(values.size());
-}
-
-void requireEnough(const std::vector<LocatedView>& views, const std::vector<RejectedView>& rejected) {
-  if (views.size() >= kFewestHandEyeViews) return;
-  std::string message = "only " + std::to_string(views.size()) + " usable views; at least " +
-                        std::to_string(kFewestHandEyeViews) +
-                        " with the microscope turned about different axes are needed: take more";
-  for (const auto& view : rejected) message += "\n  " + view.name + ": " + view.reason;
-  throw CalibrationError(message);
-}
-
-void reject(std::vector<LocatedView>& views, std::size_t at, const std::string& reason,
-            std::vector<RejectedView>& rejected) {
-  rejected.push_back({views[at].view.name, reason});
-  views.erase(views.begin() + static_cast<std::ptrdiff_t>(at));
-  requireEnough(views, rejected);
-}
-
-/// The views that disagree most under the solution of all.
-std::vector<std::size_t> suspects(const std::vector<cv::Point3d>& board, const std::vector<LocatedView>& views) {
-  constexpr std::size_t kSuspects = 6;
-  const auto T_microscope_left = solveClosedForm(views, cv::CALIB_HAND_EYE_PARK);
-  if (!T_microscope_left) throw CalibrationError(kNotTogether);
-  const auto distances = BoardInReference(board, *T_microscope_left, views).distances(views);
-  std::vector<std::size_t> order(views.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return distances[a] > distances[b]; });
-  order.resize(std::min(order.size(), kSuspects));
-  return order;
-}
-
-/// Leaves each suspect out in turn: a view that spoils the solution differs clearly from the solution without it.
-bool rejectWorstPose(const std::vector<cv::Point3d>& board, std::vector<LocatedView>& views,
-                     std::vector<RejectedView>& rejected) {
-  double best = std::numeric_limits<double>::infinity();
-  std::size_t suspect = 0;
-  double suspect_distance = 0, typical_distance = 0;
-  for (const std::size_t i : suspects(board, views)) {
-    auto others = views;
-    others.erase(others.begin() + static_cast<std::ptrdiff_t>(i));
-    const auto T_microscope_left = solveClosedForm(others, cv::CALIB_HAND_EYE_PARK);
-    if (!T_microscope_left) continue;
-    const BoardInReference placed(board, *T_microscope_left, others);
-    const auto distances = placed.distances(others);
-    if (!(meanSquare(distances) < best)) continue;
-    best = meanSquare(distances);
-    suspect = i;
-    suspect_distance = placed.distance(views[i]);
-    typical_distance = median(distances);
-  }
-  std::vector<double> values(views.size(), typical_distance);
-  values[suspect] = suspect_distance;
-  if (!findOutlier(values, kGrossFloor, kGrossTimes)) return false;
-  reject(views, suspect,
-         "its tracked pose puts the board " + number(suspect_distance * 1e3) +
-             " mm from where the other views have it (" + number(typical_distance * 1e3) +
-             " mm is typical); did the tracker lose the microscope, or the board move?",
-         rejected);
-  return true;
-}
-
-/// The views whose corners fit the board and whose tracked poses do not grossly disagree.
-std::vector<LocatedView> screen(const CameraModel& left, const std::vector<cv::Point3d>& board,
-                                const std::vector<HandEyeView>& views, std::vector<RejectedView>& rejected) {
-  std::vector<LocatedView> used;
-  std::vector<double> fits;
-  for (const auto& view : views) {
-    used.push_back(locate(left, board, view));
-    fits.push_back(used.back().fit_px);
-  }
-  requireEnough(used, rejected);
-  while (const auto worst = findOutlier(fits, kOutlierFloorPx)) {
-    reject(used, *worst,
-           "the board fits its corners only to " + number(fits[*worst]) + " px; blurred or partly hidden?", rejected);
-    fits.erase(fits.begin() + static_cast<std::ptrdiff_t>(*worst));
-  }
-  while (rejectWorstPose(board, used, rejected)) continue;
-  return used;
-}
-
 cv::Vec3d rotationDiversity(const std::vector<LocatedView>& views) {
   cv::Matx33d sum = cv::Matx33d::zeros();
   for (const auto& located : views) sum += located.view.T_reference_microscope.rotation();
@@ -347,24 +162,18 @@ void compareMethods(HandEyeCalibration& result) {
 
 void requireRotation(const cv::Vec3d& diversity) {
   if (diversity[1] >= kLeastRotationDiversity) return;
-  throw CalibrationError("the microscope was turned by only " + number(diversity[1] * kDegrees) +
-                         " degrees RMS about a second axis (" + number(diversity[0] * kDegrees) +
-                         " about the first); at least " + number(kLeastRotationDiversity * kDegrees) +
+  throw CalibrationError("the microscope was turned by only " + shortNumber(diversity[1] * kDegrees) +
+                         " degrees RMS about a second axis (" + shortNumber(diversity[0] * kDegrees) +
+                         " about the first); at least " + shortNumber(kLeastRotationDiversity * kDegrees) +
                          " are needed: add views turned about other axes");
-}
-
-void requireRange(double value, const char* name, double low, double high, const char* unit) {
-  if (!(value >= low && value <= high))
-    throw CalibrationError(std::string(name) + " is " + number(value) + " " + unit + "; allowed is " + number(low) +
-                           " to " + number(high) + " " + unit);
 }
 
 }  // namespace
 
 void HandEyeSettings::validate() const {
-  requireRange(tracker_position_sd, "tracker_position_sd", 1e-6, 0.02, "m");
-  requireRange(tracker_rotation_sd, "tracker_rotation_sd", 1e-6, 0.1, "rad");
-  requireRange(corner_sd, "corner_sd", 1e-3, 10, "px");
+  cortshift_flow::requireRange<CalibrationError>("tracker_position_sd [m]", tracker_position_sd, 1e-6, 0.02);
+  cortshift_flow::requireRange<CalibrationError>("tracker_rotation_sd [rad]", tracker_rotation_sd, 1e-6, 0.1);
+  cortshift_flow::requireRange<CalibrationError>("corner_sd [px]", corner_sd, 1e-3, 10.0);
 }
 
 HandEyeCalibration calibrateHandEye(const CameraModel& left, const Board& board, const std::vector<HandEyeView>& views,
@@ -397,13 +206,13 @@ HandEyeCalibration calibrateHandEye(const CameraModel& left, const Board& board,
     if (worst) {
       const auto& own = refined.solution.own[*worst];
       reject(used, *worst,
-             "its image asks for a pose " + number(own.tail(3).norm() * 1e3) + " mm and " +
-                 number(own.head(3).norm() * kDegrees) +
+             "its image asks for a pose " + shortNumber(own.tail(3).norm() * 1e3) + " mm and " +
+                 shortNumber(own.head(3).norm() * kDegrees) +
                  " degrees from the tracked one; did the microscope still move?",
              result.rejected);
     } else if (!refined.solution.converged || !(std::sqrt(meanSquare(corrections)) <= kLargestMisfit)) {
       throw CalibrationError(kNotTogether +
-                             (" (they would have to be off by " + number(std::sqrt(meanSquare(corrections))) +
+                             (" (they would have to be off by " + shortNumber(std::sqrt(meanSquare(corrections))) +
                               " times the tracker's accuracy)"));
     }
   }

@@ -6,6 +6,7 @@
 #include <opencv2/core/affine.hpp>
 #include <opencv2/core/eigen.hpp>
 
+#include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_stereo/calibration/camera_info_yaml.hpp"
 #include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
@@ -88,6 +89,17 @@ void LiveRig::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
     const std::string name = side == 0 ? "left " : "right ";
     if (!state.connected)
       status.mergeSummary(DiagnosticStatus::ERROR, state.fault.empty() ? name + "camera: connecting" : state.fault);
+    if (state.clock_jumps > 0) {
+      const std::string told = Finding{CheckId::kDeviceClock, Verdict::kWarn, "The clock of the " + name + "camera",
+                                       "was set by " + std::to_string(state.last_clock_jump) +
+                                           " s, so that the stamps of its images began anew",
+                                       "check who sets it (PTP, a reset); images around it may have no partner"}
+                                   .sentence();
+      status.mergeSummary(DiagnosticStatus::WARN, told);
+      if (state.clock_jumps > jumps_told_[side]) ROS_WARN_STREAM(told);
+      jumps_told_[side] = state.clock_jumps;
+    }
+    status.add(name + "clock jumps", state.clock_jumps);
     status.add(name + "connections", state.connections);
     status.add(name + "images", state.frames);
     status.add(name + "incomplete images", state.incomplete);

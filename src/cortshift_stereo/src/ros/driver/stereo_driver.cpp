@@ -7,6 +7,7 @@
 #include <sensor_msgs/Image.h>
 
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_stereo/ros/shifted_time.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -84,7 +85,7 @@ void StereoDriver::publishPair(const StereoPair& pair) {
   const cv::Mat* images[2] = {&pair.left, &pair.right};
   const CameraModel* cameras[2] = {&calibration_.left, &calibration_.right};
   for (int i = 0; i < 2; ++i) {
-    const ros::Time own_stamp = i == 0 ? stamp : stamp + ros::Duration(parameters_.fault_stamp_offset);
+    const ros::Time own_stamp = i == 0 ? stamp : shifted(stamp, parameters_.fault_stamp_offset);
     if (!parameters_.fault_no_camera_info)
       infos_[i].publish(toCameraInfo(*cameras[i], headerOf("left_optical", own_stamp)));
     images_[i].publish(

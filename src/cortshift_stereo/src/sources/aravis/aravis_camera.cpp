@@ -8,9 +8,9 @@
 #include <condition_variable>
 #include <future>
 #include <mutex>
-#include <sstream>
 #include <thread>
 
+#include "cortshift_flow/range.hpp"
 #include "sources/aravis/clock_map.hpp"
 #include "sources/aravis/pixel_formats.hpp"
 
@@ -48,14 +48,6 @@ class Check {
   GError* error_ = nullptr;
 };
 
-template <typename T>
-void requireRange(const char* name, T value, T low, T high) {
-  if (value >= low && value <= high) return;
-  std::ostringstream text;
-  text << name << " = " << value << " is not allowed; allowed is " << low << " ... " << high;
-  throw std::invalid_argument(text.str());
-}
-
 }  // namespace
 
 void AravisSettings::validate() const {
@@ -71,16 +63,16 @@ void AravisSettings::validate() const {
   if (left.device == right.device) throw std::invalid_argument("both cameras have the device " + left.device);
   const auto& formats = knownPixelFormats();
   if (std::find(formats.begin(), formats.end(), pixel_format) == formats.end()) bytesOfImage(pixel_format, {1, 1});
-  requireRange("exposure", exposure, 1e-6, 1.0);
-  requireRange("gain", gain, -100.0, 1000.0);
-  requireRange("frame_rate", frame_rate, 0.1, 200.0);
-  requireRange("sync_tolerance", sync_tolerance, 1e-6, 0.1);
-  requireRange("timeout", timeout, 0.05, 30.0);
-  requireRange("transfer_delay", transfer_delay, 0.0, 1.0);
-  requireRange("packet_size", packet_size, 0, 16000);
-  requireRange("frame_retention", frame_retention, 0.001, 10.0);
-  requireRange("reconnect_min", reconnect_min, 0.05, 60.0);
-  requireRange("reconnect_max", reconnect_max, reconnect_min, 600.0);
+  cortshift_flow::requireRange("exposure", exposure, 1e-6, 1.0);
+  cortshift_flow::requireRange("gain", gain, -100.0, 1000.0);
+  cortshift_flow::requireRange("frame_rate", frame_rate, 0.1, 200.0);
+  cortshift_flow::requireRange("sync_tolerance", sync_tolerance, 1e-6, 0.1);
+  cortshift_flow::requireRange("timeout", timeout, 0.05, 30.0);
+  cortshift_flow::requireRange("transfer_delay", transfer_delay, 0.0, 1.0);
+  cortshift_flow::requireRange("packet_size", packet_size, 0, 16000);
+  cortshift_flow::requireRange("frame_retention", frame_retention, 0.001, 10.0);
+  cortshift_flow::requireRange("reconnect_min", reconnect_min, 0.05, 60.0);
+  cortshift_flow::requireRange("reconnect_max", reconnect_max, reconnect_min, 600.0);
   // Beyond half a period the neighbour of an image could pass for its partner.
   if (sync_tolerance >= 0.4 / frame_rate) throw std::invalid_argument("sync_tolerance must be below 0.4 / frame_rate");
 }
@@ -294,7 +286,12 @@ class AravisCamera::Implementation {
     const cv::Size size(arv_buffer_get_image_width(buffer), arv_buffer_get_image_height(buffer));
     if (bytes < bytesOfImage(common_.pixel_format, size)) return frame;
     const Stamp device(static_cast<Stamp::rep>(arv_buffer_get_timestamp(buffer)));
-    clock_.add(device, Stamp(static_cast<Stamp::rep>(arv_buffer_get_system_timestamp(buffer))));
+    const double jumped = clock_.add(device, Stamp(static_cast<Stamp::rep>(arv_buffer_get_system_timestamp(buffer))));
+    if (jumped != 0) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      ++state_.clock_jumps;
+      state_.last_clock_jump = jumped;
+    }
     // The camera stamps the beginning of the exposure.
     frame.stamp = clock_.toHost(device) + fromSeconds(common_.exposure / 2 - common_.transfer_delay);
     frame.image = toBgr(common_.pixel_format, size, data);

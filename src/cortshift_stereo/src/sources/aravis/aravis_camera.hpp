@@ -23,6 +23,8 @@ struct CameraState {
   std::string fault;    ///< why it is not connected
   std::uint64_t frames = 0, incomplete = 0;
   double clock_drift = 0;         ///< of our clock against the camera's [s/s]
+  int clock_jumps = 0;            ///< of the camera's clock, so far
+  double last_clock_jump = 0;     ///< [s]
   double exposure = 0, gain = 0;  ///< as the camera reports them
 };
 

@@ -1,5 +1,6 @@
 #include "sources/aravis/clock_map.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -8,18 +9,50 @@ namespace {
 
 constexpr double kShortest = 5.0;    // [s] below this the slope would follow the jitter
 constexpr double kMaxDrift = 0.001;  // no crystal is that bad
+constexpr double kJump = 0.1;        // [s] beyond the jitter of a network
+constexpr double kSameStep = 0.02;   // [s] a network that is slow is not so evenly
+constexpr std::size_t kSteps = 5;    // images that must all be late by the same
 
 }  // namespace
 
-void ClockMap::add(Stamp device, Stamp arrival) {
+double ClockMap::add(Stamp device, Stamp arrival) {
+  const auto sampleOf = [&] {
+    const double time = toSeconds(device - device_origin_);
+    return Sample{time, toSeconds(arrival - host_origin_) - time};
+  };
+  double jumped = 0;
+  if (!samples_.empty()) {
+    const Sample sample = sampleOf();
+    const double above = sample.lag - (offset_ + drift_ * sample.time);
+    if (above > kJump)
+      late_.push_back(above);
+    else
+      late_.clear();
+    if (late_.size() > kSteps) late_.pop_front();
+    jumped = jump(sample);
+    if (jumped != 0) {
+      samples_.clear();
+      late_.clear();
+    }
+  }
   if (samples_.empty()) {
     device_origin_ = device;
     host_origin_ = arrival;
   }
-  const double time = toSeconds(device - device_origin_);
-  samples_.push_back({time, toSeconds(arrival - host_origin_) - time});
+  samples_.push_back(sampleOf());
   if (samples_.size() > window_) samples_.pop_front();
   fit();
+  return jumped;
+}
+
+double ClockMap::jump(const Sample& sample) const {
+  const double above = sample.lag - (offset_ + drift_ * sample.time);
+  const bool back = sample.time <= samples_.back().time;
+  const bool before_its_exposure = above < -kJump;
+  const bool all_late_by_the_same =
+      late_.size() == kSteps &&
+      *std::max_element(late_.begin(), late_.end()) - *std::min_element(late_.begin(), late_.end()) < kSameStep;
+  return back || before_its_exposure || all_late_by_the_same ? -above : 0;
 }
 
 void ClockMap::fit() {

@@ -144,11 +144,23 @@ TEST(StereoCalibration, RefusesTooFewViewsParallelBoardsAndSwappedCameras) {
   const StereoParameters head = someHead();
   EXPECT_THAT(refusal(someViews(head, kBoard, 4, 0.6, 0.05, 5)), testing::HasSubstr("only 4 usable pairs"));
   EXPECT_THAT(refusal({}), testing::HasSubstr("only 0 usable pairs"));
+  EXPECT_EQ(refusal(someViews(head, kBoard, static_cast<int>(kFewestPairs), 0.6, 0.02, 8)), "not refused");
   EXPECT_THAT(refusal(someViews(head, kBoard, 12, 0.02, 0.1, 6)), testing::HasSubstr("too parallel"));
   auto swapped = someViews(head, kBoard, 6, 0.6, 0.05, 7);
   for (auto& view : swapped) std::swap(view.left, view.right);
   EXPECT_THAT(refusal(swapped), testing::HasSubstr("are left and right swapped"));
   EXPECT_THROW(checkPairs(head, kBoard, {}), CalibrationError);
+}
+
+TEST(StereoCalibration, SaysWhereACameraIsThatStandsAboveTheOther) {
+  StereoParameters above = someHead();
+  above.t_right_left = {-0.010, 0.020, 0.0003};
+  try {
+    rectify(above);
+    FAIL() << "accepted";
+  } catch (const CalibrationError& fault) {
+    EXPECT_THAT(fault.what(), testing::HasSubstr("x = 0.0100 m, y = -0.0200 m"));
+  }
 }
 
 TEST(StereoReport, WritesFilesThatReconstructionReads) {

@@ -12,20 +12,40 @@
 
 namespace cortshift_tracking {
 
+/// A pose of which nothing is known: all NaN.
+geometry_msgs::Pose unknownPose();
+
 /// The registration among a stage's fixed transforms; all NaN where there is none.
 geometry_msgs::Pose registrationOf(const tf2_msgs::TFMessage& fixed);
 
 /// Two unknown registrations are the same: nothing tells them apart.
 bool sameRegistration(const geometry_msgs::Pose& a, const geometry_msgs::Pose& b);
 
-/// Number of the epoch that a new stage belongs to: that of an earlier stage with the same registration, or the next
-/// one; 0 where the registration is not known.
-std::uint32_t epochOf(const geometry_msgs::Pose& registration, const std::vector<cortshift_msgs::StageInfo>& stages);
+/// Number of the epoch that a new stage belongs to: that of an earlier stage with the same registration and
+/// calibration, or the next one; 0 where the registration is not known.
+std::uint32_t epochOf(const cortshift_msgs::StageInfo& stage, const std::vector<cortshift_msgs::StageInfo>& earlier);
 
 /// @param changed  when the registration last became another one
 /// @throws TrackingError for a pair that was exposed before that or so shortly after it that the reconstruction may not
 ///   have heard of it
 void requireSettled(const ros::Time& stamp, const ros::Time& changed);
+
+/// The registration as it is heard of, in order.
+class RegistrationHistory {
+ public:
+  /// Messages of other edges do not matter. @returns whether the registration became another one
+  bool add(const tf2_msgs::TFMessage& message, const ros::Time& time);
+
+  /// All NaN where none has been heard of.
+  geometry_msgs::Pose newest() const;
+
+  /// When it last became another one; nothing where it never did.
+  std::optional<ros::Time> changed() const { return changed_; }
+
+ private:
+  std::optional<geometry_msgs::Pose> newest_;
+  std::optional<ros::Time> changed_;
+};
 
 /// Notices when the registration changes, so that no stage mixes two of them. Thread-safe.
 class RegistrationWatch {
@@ -40,8 +60,7 @@ class RegistrationWatch {
 
  private:
   mutable std::mutex mutex_;
-  std::optional<geometry_msgs::Pose> newest_;
-  ros::Time changed_;
+  RegistrationHistory history_;
 };
 
 }  // namespace cortshift_tracking

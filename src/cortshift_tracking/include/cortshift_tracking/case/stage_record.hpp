@@ -9,7 +9,7 @@
 namespace cortshift_tracking {
 
 /// Fills info (but for the epoch, which the store counts) and transforms of a record that has info.key, info.note,
-/// info.stamp, surface and what is known of the pair.
+/// info.stamp, surface, parameters and what is known of the pair. What info.warnings says already stays.
 /// @returns what a person should know about what is missing; each remark begins with "; "
 /// @throws TrackingError or cortshift_stereo::MessageError for a surface that no shift can be computed from
 std::string completeStage(StageRecord& record, const cortshift_stereo::PoseAt& pose_at);

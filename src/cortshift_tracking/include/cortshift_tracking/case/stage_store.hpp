@@ -25,14 +25,15 @@ struct StageRecord {
   sensor_msgs::CameraInfoConstPtr left_info, right_info;                   ///< /stereo/{left,right}/camera_info
   cortshift_msgs::MicroscopeSettingsConstPtr settings;                     ///< /microscope/settings
   tf2_msgs::TFMessage tf, tf_static;                                       ///< the transforms at the stamp
+  std::string parameters;  ///< /stage/parameters: all that were in force, one "key: value" on a line
 };
 
 /// Stages in order of capture. Thread-safe.
 ///
-/// A stage is NNNN_KEY_CRC.bag: number in the case, key, CRC-32 of the whole file. Files that are damaged or not ours
-/// are moved to `set_aside/` (where the folder may be written) and otherwise left alone; deleted stages go to
-/// `deleted/`. Nothing is ever overwritten; other
-/// files of the case are left alone.
+/// A stage is NNNN_KEY_CRC.bag: number in the case, key, CRC-32 of the whole file. Files that were read and are
+/// damaged, or are not ours, are moved to `set_aside/` (where the folder may be written); deleted stages go to
+/// `deleted/`. A file that cannot be read just now stays where it is and keeps its key and its place in the order; it
+/// is read again when its stage is asked for. Nothing is ever overwritten; other files of the case are left alone.
 class StageStore {
  public:
   /// Opens or creates the folder and checks every stage in it.
@@ -42,7 +43,11 @@ class StageStore {
   StageStore(const StageStore&) = delete;
   StageStore& operator=(const StageStore&) = delete;
 
+  /// Of a stage that cannot be read: its key, a note that says why, and nothing else.
   std::vector<cortshift_msgs::StageInfo> list() const;
+
+  /// @throws TrackingError naming the key and what keys there are
+  cortshift_msgs::StageInfo infoOf(const std::string& key) const;
 
   /// Place of a stage in the order of capture. @throws TrackingError naming the key and what keys there are
   std::size_t indexOf(const std::string& key) const;
@@ -59,15 +64,22 @@ class StageStore {
   /// @throws TrackingError
   void remove(const std::string& key);
 
+  /// Reads what could not be read before.
+  void retryUnreadable() const;
+
   const std::filesystem::path& folder() const { return folder_; }
 
   /// Files that were not taken for stages, each with the reason.
   const std::vector<std::string>& setAside() const { return set_aside_; }
 
+  /// Stages that cannot be read, each with the reason.
+  std::vector<std::string> unreadable() const;
+
  private:
   struct Entry {
     std::filesystem::path path;
     cortshift_msgs::StageInfo info;
+    std::string trouble;  // why it cannot be read; empty: it could
   };
 
   void lockFolder();
@@ -78,7 +90,7 @@ class StageStore {
   std::filesystem::path folder_;
   int lock_ = -1;
   mutable std::mutex mutex_;
-  std::vector<Entry> entries_;
+  mutable std::vector<Entry> entries_;  // what is known of an unreadable stage is completed when it is read
   std::vector<std::string> set_aside_;
   unsigned last_number_ = 0;
 };
@@ -86,7 +98,7 @@ class StageStore {
 /// The bag of a stage as bytes. @throws TrackingError
 std::string toBag(const StageRecord& record);
 
-/// @throws TrackingError if it is not a stage's bag
+/// @throws TrackingError if it is not a stage's bag; UnreadableFile if that cannot be told
 StageRecord stageFromBag(const std::filesystem::path& path);
 
 }  // namespace cortshift_tracking

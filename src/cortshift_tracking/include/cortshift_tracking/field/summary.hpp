@@ -6,6 +6,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "cortshift_tracking/field/displacement_field.hpp"
 
@@ -30,7 +31,9 @@ struct Summary {
   double gravity_normal_angle = kUnknown;  ///< [rad]
   double projection_seconds = 0;           ///< wall time
   double flow_seconds = 0;
-  double inversion_seconds = 0;  ///< with the assessment of trust
+  double inversion_seconds = 0;       ///< with the assessment of trust
+  std::vector<std::string> warnings;  ///< what a person should know before believing it
+  std::string configuration;          ///< hash of the parameters it was computed with; empty: not known
 
   double compute_seconds() const { return projection_seconds + flow_seconds + inversion_seconds; }
 };
@@ -40,7 +43,10 @@ struct Summary {
 Summary summarise(const DisplacementField& field, double overlap, const Eigen::Vector3d& first_normal_pmr,
                   const std::optional<Eigen::Vector3d>& gravity_pmr);
 
-/// The summary as lines of text for people, in millimetres, degrees and seconds.
+/// What was found, as one line for people: millimetres, degrees.
+std::string describe(const Summary& summary);
+
+/// The same and how long it took [s].
 std::string toText(const Summary& summary);
 
 }  // namespace cortshift_tracking

@@ -4,9 +4,8 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <mutex>
 #include <string>
-#include <thread>
+#include <utility>
 #include <vector>
 
 #include "cortshift_tracking/igtl/wire.hpp"
@@ -33,13 +32,15 @@ struct EndpointSettings {
 
 using PeerId = std::uint64_t;
 using Packet = std::shared_ptr<const Bytes>;
+inline Packet toPacket(Bytes bytes) { return std::make_shared<const Bytes>(std::move(bytes)); }
 
-/// Called from the endpoint's thread. A ProtocolError thrown by `onMessage` closes the connection of that message and
-/// nothing else.
+/// Called from the endpoint's thread, which outlives whatever they throw. An exception from `on_message` closes the
+/// connection of that message and nothing else: a ProtocolError for what the peer sent, any other one as our failure.
 struct EndpointHandlers {
   std::function<void(PeerId, const std::string& address)> on_open;
   std::function<void(PeerId, const Message&)> on_message;
   std::function<void(PeerId, const std::string& address, const std::string& reason)> on_close;
+  std::function<void(const std::string& what)> on_failure;  ///< of ours, not of a peer's; the endpoint goes on
 };
 
 struct EndpointState {
@@ -47,6 +48,8 @@ struct EndpointState {
   std::uint64_t received = 0;            ///< whole messages
   std::uint64_t refused = 0;             ///< peers that may not connect, or one too many
   std::uint64_t malformed = 0;           ///< connections closed for what they sent
+  std::uint64_t failures = 0;            ///< what on_failure was told
+  std::string last_failure;              ///< the latest of them
   std::vector<std::string> unreachable;  ///< servers without a connection
 };
 
@@ -65,10 +68,10 @@ class Endpoint {
 
   /// To every peer. `topic` names what is replaced: a peer that has not yet been sent the last packet of a topic gets
   /// only the newer one, so that no queue grows. `keep`: a peer that connects later gets the last one.
-  void publish(const std::string& topic, Packet packet, bool keep);
+  void publish(const std::string& topic, const Packet& packet, bool keep);
 
   /// To one peer, in order. A peer that is gone is no error: nobody waits for the answer.
-  void send(PeerId peer, Packet packet);
+  void send(PeerId peer, const Packet& packet);
 
   EndpointState state() const;
 

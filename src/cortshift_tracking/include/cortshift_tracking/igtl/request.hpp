@@ -20,7 +20,4 @@ Request parseRequest(const std::string& text);
 /// The text of a request that came as a name and a content (COMMAND): either may hold the whole.
 std::string joinRequest(const std::string& name, const std::string& content);
 
-/// 1-64 of A-Z a-z 0-9 _ -: what may become part of a file name.
-bool isKey(const std::string& text);
-
 }  // namespace cortshift_tracking::igt

@@ -32,8 +32,10 @@ class CaseCapture {
 
   cortshift_stereo::SurfaceReconstructionParameters parametersAt(const cortshift_stereo::PairMessages& messages) const;
   StageRecord recordOf(const PairPlace& place) const;
+  void rememberEarlier(const PairPlace& place, cortshift_stereo::PairReconstruction& reconstruct) const;
   Captured captureOne(const PlannedCapture& planned) const;
   Captured captureMean(const PlannedCapture& planned) const;
+  std::string whyNone(const ros::Time& asked) const;
   std::string dropped(const PairPlace& place, const std::exception& error) const;
 
   const CaseRecording& recording_;

@@ -31,15 +31,17 @@ struct EdgeCheck {
 
 struct CaseCheck {
   std::vector<std::string> missing;   ///< against the contract: no stage can be captured, or not all of it is known
-  std::vector<std::string> warnings;  ///< worth a look
-  std::vector<double> image_offsets;  ///< right stamp minus left stamp of neighbouring images [s]
+  std::vector<std::string> warnings;  ///< a result carries them
+  std::vector<std::string> contradictions;  ///< process_bag refuses them, beyond what happens in every recording
+  std::vector<double> image_offsets;        ///< right stamp minus left stamp of neighbouring images [s]
   std::vector<EdgeCheck> edges;
   std::vector<std::string> calibration;  ///< what camera_info and tf say of the stereo head
   std::vector<PairCheck> pairs;
   std::vector<Capturable> capturable;
 };
 
-/// Reads the small messages and of the images the stamps alone. What it keeps is a few numbers for each pair.
+/// The judgement of process_bag without the computation. Reads the small messages and of the images the stamps alone,
+/// but for a few where raw and compressed ones must agree. What it keeps is a few numbers for each pair.
 /// @param progress  called with a share (0...1); may be empty
 CaseCheck checkCase(const CaseRecording& recording, const cortshift_stereo::SurfaceReconstructionParameters& parameters,
                     const std::function<void(double)>& progress);

@@ -8,7 +8,7 @@
 
 #include "cortshift_stereo/ros/pair_reconstruction.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
-#include "cortshift_tracking/offline/bag_file.hpp"
+#include "cortshift_tracking/offline/bag/bag_file.hpp"
 
 namespace cortshift_tracking {
 
@@ -19,10 +19,6 @@ struct PairPlace {
   BagEntry left, right;
 };
 
-/// Transforms of a YAML file as `publish_static_tf` reads it: a list of {parent, child, translation: [x, y, z] in
-/// metres, rotation: [x, y, z, w]}. @throws TrackingError naming the entry and what is wrong with it
-std::vector<geometry_msgs::TransformStamped> readStaticTransforms(const std::string& path);
-
 /// Finds by the index and reads only what is asked for. Not synchronised.
 class CaseRecording {
  public:
@@ -32,6 +28,23 @@ class CaseRecording {
                 const std::vector<geometry_msgs::TransformStamped>& static_tf = {});
 
   const BagFile& bag() const { return bag_; }
+
+  /// Times of the first and the last message. One absurd record time (a clock that was not set) does not count, and is
+  /// said in remarks(). @throws TrackingError for a bag without messages
+  ros::Time begin() const { return begin_; }
+  ros::Time end() const { return end_; }
+
+  /// What is odd about the recording as a whole and was worked around.
+  const std::vector<std::string>& remarks() const { return remarks_; }
+
+  /// Topics of images that are recorded and not understood, for people; empty: none.
+  std::string notUnderstood() const;
+
+  /// Images recorded within (from, to] that have no partner, each with the reason.
+  std::vector<std::string> unpaired(const ros::Time& from, const ros::Time& to) const;
+
+  /// What the clocks say of a pair: its stamp against its record time.
+  cortshift_stereo::Findings judgeClock(const PairPlace& pair) const;
 
   /// Pairs whose later image was recorded within (from, to], in order of arrival.
   std::vector<PairPlace> pairs(const ros::Time& from, const ros::Time& to) const;
@@ -51,7 +64,10 @@ class CaseRecording {
 
   /// Poses from what was recorded around a time. It keeps these samples and refers to this recording.
   /// @param max_pose_gap [s]
-  cortshift_stereo::PoseAt posesAround(const ros::Time& arrival, double max_pose_gap) const;
+  cortshift_stereo::PoseSource posesAround(const ros::Time& arrival, double max_pose_gap) const;
+
+  /// The same for all that was recorded within [from, to], which must not be longer than half a minute.
+  cortshift_stereo::PoseSource posesWithin(const ros::Time& from, const ros::Time& to, double max_pose_gap) const;
 
   /// When the patient registration became another one, for the last time up to `time`.
   std::optional<ros::Time> registrationChanged(const ros::Time& time) const;
@@ -65,8 +81,14 @@ class CaseRecording {
   ros::Time calibratedSince(const std::string& topic, const sensor_msgs::CameraInfo& info,
                             const ros::Time& arrival) const;
 
+  void findRange();
+  std::vector<PairPlace> synchronise(const ros::Time& from, const ros::Time& to,
+                                     std::vector<std::string>* unpaired) const;
+
   cortshift_stereo::SurfaceReconstructionParameters parameters_;
   BagFile bag_;
+  ros::Time begin_, end_;
+  std::vector<std::string> remarks_;
   std::vector<geometry_msgs::TransformStamped> given_statics_;
 
   struct Static {
@@ -75,8 +97,5 @@ class CaseRecording {
   };
   std::vector<Static> statics_;  // each change once
 };
-
-/// `time` by so many seconds later or, with negative ones, earlier; never before 0.
-ros::Time shifted(const ros::Time& time, double seconds);
 
 }  // namespace cortshift_tracking

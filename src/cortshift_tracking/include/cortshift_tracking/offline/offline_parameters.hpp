@@ -16,6 +16,9 @@ struct OfflineParameters {
   /// @throws cortshift_stereo::ParameterError naming file, key, value and what is allowed
   static OfflineParameters load(const std::filesystem::path& folder);
 
+  /// All that are in force, as a stage keeps them.
+  std::string configuration() const { return tracker.configuration(reconstruction.effective()); }
+
   /// For everything that computes, in place of what the configuration says; 0: one for each core.
   void setThreads(int threads);
 };

@@ -27,9 +27,15 @@ CaseFiles findCase(const std::filesystem::path& folder);
 cortshift_msgs::DisplacementField fieldFromBag(const std::filesystem::path& path);
 
 /// The stage again, from raw pair, calibration, settings and poses of the stored one; key, note and stamp are kept.
+/// What it was warned of stays; what is warned of now is added.
+/// @param parameters  those in force now
 /// @param reconstruct  one for all stages of a case in their order, so that a calibration keeps its setting
 /// @throws TrackingError where the stage keeps no raw pair, and what a reconstruction throws
-StageRecord remakeStage(const StageRecord& stored, cortshift_stereo::PairReconstruction& reconstruct);
+StageRecord remakeStage(const StageRecord& stored, const std::string& parameters,
+                        cortshift_stereo::PairReconstruction& reconstruct);
+
+/// Which of software, configuration and calibration another result was made with, for people; empty: all the same.
+std::string changedProvenance(const cortshift_msgs::Provenance& before, const cortshift_msgs::Provenance& after);
 
 /// Lengths in metres over the places that are valid in both; NaN where there is none.
 struct Change {

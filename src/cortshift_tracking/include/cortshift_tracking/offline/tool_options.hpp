@@ -5,6 +5,8 @@
 #include <chrono>
 #include <memory>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "cortshift_stereo/command_line.hpp"
 #include "cortshift_tracking/offline/case_recording.hpp"
@@ -22,6 +24,9 @@ std::optional<Eigen::Vector3d> gravityFrom(const cortshift_stereo::Options& opti
 /// The bag named by the word CASE.bag, with --static-tf FILE. @throws TrackingError
 std::unique_ptr<CaseRecording> recordingFrom(const cortshift_stereo::Options& options,
                                              const OfflineParameters& parameters);
+
+/// Each on a line of its own.
+void printWarnings(const std::vector<std::string>& warnings);
 
 class Stopwatch {
  public:

@@ -11,6 +11,9 @@ namespace cortshift_tracking {
 
 cortshift_msgs::ShiftSummary toMessage(const Summary& summary, const std::string& from_key, const std::string& to_key);
 
+/// All but how the time was spent.
+Summary summaryFromMessage(const cortshift_msgs::ShiftSummary& message);
+
 cortshift_msgs::DisplacementField toMessage(const DisplacementField& field, const Summary& summary,
                                             const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to);
 

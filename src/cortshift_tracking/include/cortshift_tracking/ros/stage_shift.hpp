@@ -27,8 +27,12 @@ struct StageShift {
   ShiftResult result;
 };
 
+/// The warnings of both stages, each with its key; a surface that is no stage has none.
+std::vector<std::string> warningsOf(const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to);
+
+/// The summary carries the warnings of both stages.
 /// @param excluded regions of the earlier stage's projection frame that take no part
-/// @param across_epochs also between stages of different patient registrations
+/// @param across_epochs also between stages of different patient registrations or calibrations, which is warned of
 /// @throws TrackingError for unknown keys, equal ones, the wrong order or different epochs, and as computeShift
 StageShift computeStageShift(const StageStore& store, const std::string& from_key, const std::string& to_key,
                              FirstNormal& first_normal, const std::optional<Eigen::Vector3d>& gravity_pmr,

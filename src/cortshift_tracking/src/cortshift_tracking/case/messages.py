@@ -48,6 +48,7 @@ class Stage:
     T_pmr_left: np.ndarray
     coverage: float
     path: str = ''
+    warnings: tuple = ()
 
 
 def stage_from_messages(info, cloud, path=''):
@@ -59,7 +60,7 @@ def stage_from_messages(info, cloud, path=''):
     known = np.isfinite([position.x, position.y, position.z]).all() and info.camera_pose.orientation.w == \
         info.camera_pose.orientation.w
     return Stage(info.key, info.note, info.stamp.to_sec(), points, colour, confidence,
-                 pose_matrix(info.camera_pose) if known else None, info.coverage, path)
+                 pose_matrix(info.camera_pose) if known else None, info.coverage, path, tuple(info.warnings))
 
 
 @dataclass(frozen=True)

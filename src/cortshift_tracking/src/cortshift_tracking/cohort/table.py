@@ -6,8 +6,8 @@ import numpy as np
 
 from cortshift_tracking.report.tables import TABLE_3_HEADER, to_csv
 
-COLUMNS = TABLE_3_HEADER[1:]                # without the pair's name
-HEADER = ['case', 'status', 'pair'] + COLUMNS + ['case_seconds', 'case_peak_memory_mb', 'reason']
+COLUMNS = [name for name in TABLE_3_HEADER if name not in ('pair', 'warnings')]   # numbers
+HEADER = ['case', 'status', 'pair'] + COLUMNS + ['case_seconds', 'case_peak_memory_mb', 'reason', 'warnings']
 PAIRED = (('d', 'Magnitude'), ('gravity', 'Along gravity'), ('normal', 'Along the normal'), ('lateral', 'Lateral'))
 NAN = float('nan')
 
@@ -41,10 +41,11 @@ def table_rows(results):
         tail = [result['seconds'], result['peak_memory_mb'], result['reason']]
         for row in result['table'] or [None]:
             numbers = [_number(row[column]) if row else NAN for column in COLUMNS]
-            rows.append([result['case'], result['status'], row['pair'] if row else ''] + numbers + tail)
+            rows.append([result['case'], result['status'], row['pair'] if row else ''] + numbers + tail
+                        + [row.get('warnings', '') if row else ''])
     count, mean, sd = over_patients(results)
     for name, values in ((f'mean over {count} patients', mean), (f'sd over {count} patients', sd)):
-        rows.append([name, '', 'first -> last'] + [values[column] for column in COLUMNS] + [NAN, NAN, ''])
+        rows.append([name, '', 'first -> last'] + [values[column] for column in COLUMNS] + [NAN, NAN, '', ''])
     return rows
 
 
@@ -78,6 +79,8 @@ def html_page(results, pictures):
             body += _cells([result['case'], row['pair'], f'{_number(row["separation_min"]):.1f}']
                            + [_pm(row, name) for name, _ in PAIRED]
                            + [f'{angle:.0f}' if math.isfinite(angle) else '', f'{overlap:.0f}'] + time_and_memory)
+            if row.get('warnings'):
+                body += f'<tr class="warned"><td colspan="{5 + len(PAIRED) + 2}">{html.escape(row["warnings"])}</td></tr>\n'
     count, mean, sd = over_patients(results)
 
     def spread(column):
@@ -89,7 +92,7 @@ def html_page(results, pictures):
     failed = [result['case'] for result in results if result['status'] != 'done']
     images = '\n'.join(f'<p><img src="{uri}" alt="{html.escape(text)}"></p>' for uri, text in pictures)
     style = ('body{font:15px/1.4 sans-serif;margin:24px}table{border-collapse:collapse;font-size:13px}td,th{border:1px solid #ccc;'
-             'padding:3px 8px;text-align:left}th{background:#f1f1f1}.failed{background:#fde4e1}img{max-width:100%}')
+             'padding:3px 8px;text-align:left}th{background:#f1f1f1}.failed{background:#fde4e1}.warned{background:#fff3cd}img{max-width:100%}')
     return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>cortshift: cohort</title><style>{style}</style>'
             f'</head><body>\n<h1>Cortical shift of {len(results)} cases</h1>\n<p>{len(results) - len(failed)} processed'
             + (f', {len(failed)} failed: {html.escape(", ".join(failed))}' if failed else '')

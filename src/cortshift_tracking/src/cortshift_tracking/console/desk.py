@@ -3,7 +3,6 @@ import re
 import threading
 import time
 import traceback
-from dataclasses import replace
 
 import rospy
 import yaml
@@ -42,7 +41,6 @@ class Desk:
         self._graph = GraphState()
         self._compute_time = EXPECTED_COMPUTE
         self._stages = []
-        self._asked_live = None    # for a shift_tracker that does not say
         self._phantom_left = None  # stages of the phantom's case still to come
         self._shift = ('', ())
         rospy.Subscriber('/shift/field', DisplacementField, self._keep_shift, queue_size=1, buff_size=1 << 26)
@@ -76,8 +74,7 @@ class Desk:
     @property
     def tracker(self):
         """What shift_tracker says of itself, as graph_state.TrackerState: what was asked for may be gone with a restart."""
-        state = self._graph.tracker()
-        return state if state.live is not None else replace(state, live_from=self._asked_live)
+        return self._graph.tracker()
 
     @property
     def stages(self):
@@ -171,7 +168,6 @@ class Desk:
         newest = stages[-1].epoch if stages else 0
         first = next((s.key for s in stages if s.epoch == newest), '')
         answer = self._accepted(self._call['track'](first, on))
-        self._asked_live = first if on else ''
         return answer.message, ()
 
     def _move_phantom(self):

@@ -20,6 +20,8 @@ from cortshift_tracking.probe.points import (GRAVITY_LABELS, GravitySettings, Pr
 from cortshift_tracking.probe.store import ProbeStore
 
 ROOT_FRAME = 'pmr'
+TRACKER_STATE = 'shift_tracker: state'  # its diagnostics; value gravity says 'not known' or what it is
+RETRY = 10.0  # s after which gravity is offered again to a shift_tracker that did not take it
 STILL, GRAVITY = StillSettings(), GravitySettings()
 PARAMETERS = {
     'tip_frame': 'probe_tip',
@@ -43,6 +45,7 @@ class ProbeNode:
 
     Parameters   case (text, required): folder of the case; PARAMETERS above
     Subscribes   /tf (reference -> probe_tip and what links reference to pmr), /tf_static
+                 /diagnostics (whether shift_tracker knows gravity: it is told whenever it does not)
     Calls        /shift_tracker/list_stages, /shift_tracker/set_gravity
     Publishes    /diagnostics
     """
@@ -62,6 +65,8 @@ class ProbeNode:
         rospy.Subscriber('/tf', TFMessage, self._note_tip, queue_size=100)
         self._diagnostics = rospy.Publisher('/diagnostics', DiagnosticArray, queue_size=5)
         self._last_message = 'no request yet'
+        self._untold, self._told_at = False, 0.0  # gravity that shift_tracker did not take; when it was last offered
+        rospy.Subscriber('/diagnostics', DiagnosticArray, self._note_tracker, queue_size=20)
         rospy.Service('~digitize_point', DigitizePoint, self._digitize_point)
         rospy.Service('~digitize_gravity', DigitizeGravity, self._digitize_gravity)
         rospy.Service('~list_points', ListPoints, lambda _: ListPointsResponse([to_message(p) for p in self._store.points]))
@@ -181,12 +186,26 @@ class ProbeNode:
         except (rospy.ROSException, rospy.ServiceException) as error:
             raise ProbeError(f'shift_tracker does not answer ({error}), so the stage cannot be checked; start it') from error
 
+    def _note_tracker(self, message):
+        """A shift_tracker that has started anew, or did not take gravity before, is told it."""
+        for status in message.status:
+            if status.name != TRACKER_STATE:
+                continue
+            ignorant = any(v.key == 'gravity' and v.value == 'not known' for v in status.values)
+            pair = self._store.gravity_pair()
+            if (ignorant or self._untold) and not any(place is None for place in pair):
+                if self._untold and time.monotonic() < self._told_at + RETRY:
+                    continue
+                self._done(self._hand_over(gravity_direction(*pair, settings=self._gravity)))
+
     def _hand_over(self, down):
+        self._untold, self._told_at = True, time.monotonic()
         told = f'down is ({down[0]:.4f}, {down[1]:.4f}, {down[2]:.4f}) in {ROOT_FRAME}'
         try:
             answer = rospy.ServiceProxy('/shift_tracker/set_gravity', SetGravity)(Vector3(*down))
         except (rospy.ROSException, rospy.ServiceException) as error:
             return f'{told}; but shift_tracker does not know it: {error}'
+        self._untold = not answer.success
         return f'{told}; shift_tracker: {answer.message}'
 
     # ---- messages

@@ -17,7 +17,7 @@ TABLE_2_HEADER = [
 
 TABLE_3_HEADER = [
     'pair', 'separation_min', 'd_mean_mm', 'd_sd_mm', 'gravity_mean_mm', 'gravity_sd_mm', 'normal_mean_mm', 'normal_sd_mm',
-    'lateral_mean_mm', 'lateral_sd_mm', 'angle_deg', 'compute_s', 'overlap_percent', 'points']
+    'lateral_mean_mm', 'lateral_sd_mm', 'angle_deg', 'compute_s', 'overlap_percent', 'points', 'warnings']
 
 
 def _mean_sd_mm(lengths):
@@ -71,7 +71,7 @@ def table_3(case):
             angle = float(np.arccos(np.clip(case.first_normal_pmr @ gravity, -1, 1)))
         minutes = float('nan') if field.from_mr else (field.to_stamp - field.from_stamp) / 60
         rows.append([f'{field.from_key} -> {field.to_key}', minutes] + [1000 * v for pair in pairs for v in pair] +
-                    [np.degrees(angle), s.compute_time, 100 * s.overlap, int(s.valid_points)])
+                    [np.degrees(angle), s.compute_time, 100 * s.overlap, int(s.valid_points), ' | '.join(s.warnings)])
     return rows
 
 

@@ -15,6 +15,7 @@ def warnings_of(case, left_out):
     for stage in case.stages:
         if stage.T_pmr_left is None:
             found.append(f'stage {stage.key}: the pose of its camera is not known')
+        found += [f"stage '{stage.key}': {warning}" for warning in stage.warnings]
     for field in case.fields:
         found += _of_field(case, field)
     if case.fields and case.gravity_pmr is None and not any(math.isfinite(f.summary.gravity_mean) for f in case.fields):
@@ -24,7 +25,8 @@ def warnings_of(case, left_out):
 
 def _of_field(case, field):
     name = f'{field.from_key} → {field.to_key}'
-    found = []
+    of_stages = {f"stage '{stage.key}': {warning}" for stage in case.stages for warning in stage.warnings}
+    found = [f'{name}: {warning}' for warning in field.summary.warnings if warning not in of_stages]
     absent = case.absent_stages(field)
     if absent:
         found.append(f'{name}: the case holds no readable stage {" and ".join(absent)}: no overlay of the two and no comparison with the '

@@ -1,4 +1,4 @@
-"""Records a case on the way: rosbag in parts of some minutes, compressed, the oldest given up when there are too many."""
+"""Records a case on the way: bags of some minutes that stand alone, compressed, the oldest given up when there are too many."""
 import os
 import shutil
 import signal
@@ -14,8 +14,10 @@ from cortshift_tracking.parameters import Number, ParameterError, read_parameter
 GIGABYTE = 1e9
 PERIOD = 1.0       # s between looks
 SILENCE = 20.0     # s without growth: nothing is published, or the disk does not take it
-TOPICS = ['/stereo/left/image_raw', '/stereo/right/image_raw', '/stereo/left/camera_info', '/stereo/right/camera_info',
-          '/microscope/pose', '/microscope/settings', '/tf', '/tf_static', '/shift/field', '/diagnostics', '/rosout']
+LOSS_SHOWN = 60.0  # s that a loss is warned of; the sum stays among the values
+INFOS = ['stereo/left/camera_info', 'stereo/right/camera_info']  # hold until the next one, latched or not
+TOPICS = ['stereo/left/image_raw', 'stereo/right/image_raw', 'stereo/left/image_raw/compressed', 'stereo/right/image_raw/compressed',
+          *INFOS, 'microscope/pose', 'microscope/settings', 'shift/field', '/tf', '/tf_static', '/diagnostics', '/rosout']
 PARAMETERS = {
     'folder': '',                              # '': recordings of this ROS home
     'minutes': Number(5.0, 0.05, 120.0),       # of one file
@@ -26,7 +28,7 @@ PARAMETERS = {
 
 
 class Recorder:
-    """Parameters: PARAMETERS. Publishes /diagnostics. Runs `rosbag record`, and again should it end."""
+    """Parameters: PARAMETERS. Publishes /diagnostics. Runs record_parts, and again should it end."""
 
     def __init__(self):
         values = read_parameters(PARAMETERS)
@@ -42,6 +44,7 @@ class Recorder:
             raise ParameterError(f'parameter {rospy.get_name()}/folder: {error}') from error
         self._process = None
         self._starts, self._size, self._grown = 0, 0, time.monotonic()
+        self._lost, self._lost_at, self._failure = {}, None, ''  # by topic, of the running recorder; why the last one ended
         self._diagnostics = rospy.Publisher('/diagnostics', DiagnosticArray, queue_size=5)
         rospy.on_shutdown(self._stop)
         threading.Thread(target=self._watch, daemon=True).start()
@@ -49,11 +52,26 @@ class Recorder:
     def _start(self):
         # By rosrun, which becomes the recorder itself: a signal to it arrives there.
         prefix = os.path.join(self._folder, time.strftime('case_%Y%m%dT%H%M%S'))
-        command = ['rosrun', 'rosbag', 'record', '--quiet', '--split', f'--duration={60 * self._values["minutes"]:.0f}',
-                   f'--max-splits={self._values["files"]:.0f}', '--buffsize=512', '--output-prefix', prefix, '__name:=case_recording']
-        command += ['--lz4'] if self._values['compression'] == 'lz4' else []
-        self._process = subprocess.Popen(command + TOPICS, stdout=subprocess.DEVNULL)
+        command = ['rosrun', 'cortshift_tracking', 'record_parts', '--prefix', prefix, '--minutes', str(self._values['minutes']), '--parts',
+                   str(self._values['files']), '--compression', self._values['compression'], '__name:=case_recording']
+        for topic in INFOS:
+            command += ['--hold', topic]
+        self._process = subprocess.Popen(command + TOPICS, stdout=subprocess.PIPE, universal_newlines=True)
+        threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
         self._starts += 1
+
+    def _listen(self, output):
+        """What record_parts says, until it ends."""
+        lost_before = dict(self._lost)
+        for line in output:
+            word, _, rest = line.strip().partition(' ')
+            if word == 'lost':
+                topic, _, count = rest.rpartition(' ')
+                self._lost = dict(self._lost, **{topic: lost_before.get(topic, 0) + int(count)})
+                self._lost_at = time.monotonic()
+                rospy.logwarn('the recording lacks %s messages of %s so far', self._lost[topic], topic)
+            elif word == 'failed':
+                self._failure = rest
 
     def _stop(self):
         process, self._process = self._process, None
@@ -86,10 +104,15 @@ class Recorder:
             status.level, status.message = DiagnosticStatus.ERROR, f'recording pauses: only {free:.1f} GB are free'
         elif now - self._grown > SILENCE:
             status.level, status.message = DiagnosticStatus.WARN, f'nothing has been written for {now - self._grown:.0f} s'
+        elif self._lost_at is not None and now - self._lost_at < LOSS_SHOWN:
+            status.level, status.message = DiagnosticStatus.WARN, 'messages are lost: ' + ', '.join(
+                f'{count} of {topic}' for topic, count in sorted(self._lost.items())) + '; is the disk or the network too slow?'
         elif self._starts > 1:
-            status.level, status.message = DiagnosticStatus.WARN, f'rosbag ended {self._starts - 1} times and was started again'
+            status.level = DiagnosticStatus.WARN
+            status.message = f'the recording ended {self._starts - 1} times and was started again' + (
+                f' ({self._failure})' if self._failure else '')
         status.values = [KeyValue('folder', self._folder), KeyValue('files', str(len(files))),
-                         KeyValue('size_GB', f'{size / GIGABYTE:.3f}'), KeyValue('disk_left_GB', f'{free:.1f}')]
+                         KeyValue('lost_messages', str(sum(self._lost.values()))), KeyValue('size_GB', f'{size / GIGABYTE:.3f}'), KeyValue('disk_left_GB', f'{free:.1f}')]
         message = DiagnosticArray(status=[status])
         message.header.stamp = rospy.Time.now()
         self._diagnostics.publish(message)

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <string>
 
+#include "cortshift_stereo/ros/shifted_time.hpp"
 #include "cortshift_tracking/error.hpp"
 
 namespace cortshift_tracking {
@@ -28,9 +29,9 @@ std::optional<Motion> motionAround(const ros::Time& stamp, const cortshift_stere
   bool known = false;
   const int steps = static_cast<int>(kHalfWindow / kStep);
   for (int i = -steps; i <= steps; ++i) {
+    if (stamp.toSec() + i * kStep < 0) continue;  // before a simulated clock's zero there is no time
     try {
-      const ros::Time time = stamp + ros::Duration(i * kStep);
-      samples.push_back({i * kStep, pose_at("pmr", "left_optical", time)});
+      samples.push_back({i * kStep, pose_at("pmr", "left_optical", cortshift_stereo::shifted(stamp, i * kStep))});
       known = known || i == 0;
     } catch (const cortshift_stereo::PoseError&) {  // a gap; what is left decides
     }
@@ -73,7 +74,7 @@ std::optional<double> PoseWatch::age() const {
   const ros::Time now = ros::Time::now();
   for (double age = 0; age <= kHorizon && now.toSec() > age; age += kStep) {
     try {
-      poses_.lookup("pmr", "left_optical", now - ros::Duration(age), ros::WallDuration(0));
+      poses_.lookup("pmr", "left_optical", cortshift_stereo::shifted(now, -age), ros::WallDuration(0));
       ever_ = true;
       return age;
     } catch (const cortshift_stereo::PoseError&) {  // not yet, or no longer

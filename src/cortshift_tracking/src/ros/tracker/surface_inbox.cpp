@@ -1,6 +1,10 @@
 #include "cortshift_tracking/ros/tracker/surface_inbox.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <iterator>
+
+#include "cortshift_stereo/admission/limits.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -22,6 +26,24 @@ void SurfaceInbox::put(const sensor_msgs::PointCloud2ConstPtr& surface) {
   arrived_.notify_all();
 }
 
+void SurfaceInbox::noteReceived(const ros::Time& stamp, const ros::Time& received) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    received_[stamp] = received;
+    while (received_.size() > 4 * kKept)
+      received_.erase(received_.begin()->first < stamp ? received_.begin() : std::prev(received_.end()));
+  }
+  arrived_.notify_all();
+}
+
+ros::Time SurfaceInbox::exposed(const sensor_msgs::PointCloud2& surface) const {
+  const ros::Time& stamp = surface.header.stamp;
+  const auto found = received_.find(stamp);
+  const bool one_clock = found == received_.end() ||
+                         std::abs(found->second.toSec() - stamp.toSec()) <= cortshift_stereo::ClockLimits::kLive;
+  return one_clock ? stamp : found->second;
+}
+
 sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitSince(const ros::Time& stamp, Deadline deadline) const {
   std::unique_lock<std::mutex> lock(mutex_);
   sensor_msgs::PointCloud2ConstPtr found;
@@ -37,7 +59,7 @@ sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitForRecent(const ros::Duration
   const ros::Time asked = ros::Time::now();
   std::unique_lock<std::mutex> lock(mutex_);
   if (!asked.isZero() && !surfaces_.empty()) {
-    const ros::Time stamp = surfaces_.back()->header.stamp;
+    const ros::Time stamp = exposed(*surfaces_.back());
     // A stamp far ahead of the clock is of a recording that has been started again since.
     if (!olderThan(stamp, asked, max_age) && !olderThan(asked, stamp, max_age)) return surfaces_.back();
   }
@@ -47,7 +69,7 @@ sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitForRecent(const ros::Duration
     if (count_ == seen) return false;
     seen = count_;
     const ros::Time reference = std::min(asked, ros::Time::now());  // the clock may have been set back
-    if (!olderThan(surfaces_.back()->header.stamp, reference, max_age)) found = surfaces_.back();
+    if (!olderThan(exposed(*surfaces_.back()), reference, max_age)) found = surfaces_.back();
     return found != nullptr;
   });
   return found;

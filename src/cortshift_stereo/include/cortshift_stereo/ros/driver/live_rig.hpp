@@ -36,6 +36,7 @@ class LiveRig {
   std::shared_ptr<AravisSource> cameras_;  // source_, where it is one
   PoseLookup poses_;
   tf2_ros::StaticTransformBroadcaster static_broadcaster_;
+  int jumps_told_[2] = {0, 0};  // of each camera's clock
   diagnostic_updater::Updater updater_;
   ros::WallTimer diagnostics_timer_;
 };

@@ -8,6 +8,7 @@
 #include <condition_variable>
 #include <deque>
 #include <functional>
+#include <map>
 #include <mutex>
 
 namespace cortshift_tracking {
@@ -18,6 +19,10 @@ class SurfaceInbox {
   using Deadline = std::chrono::steady_clock::time_point;
 
   void put(const sensor_msgs::PointCloud2ConstPtr& surface);
+
+  /// When the pair of this stamp came in. Where the two differ by more than a graph takes, the stamp is of another
+  /// clock, and ages are told from this one.
+  void noteReceived(const ros::Time& stamp, const ros::Time& received);
 
   /// The surface of this stamp, or the first one after it: while a camera runs free, the reconstruction may pass over a
   /// pair for the next one. Null when the deadline passes.
@@ -36,10 +41,13 @@ class SurfaceInbox {
   ros::Time newestStamp() const;
 
  private:
+  ros::Time exposed(const sensor_msgs::PointCloud2& surface) const;  // with the mutex held
+
   static constexpr std::size_t kKept = 4;
   mutable std::mutex mutex_;
   mutable std::condition_variable arrived_;
   std::deque<sensor_msgs::PointCloud2ConstPtr> surfaces_;  // in order of arrival
+  std::map<ros::Time, ros::Time> received_;                // by stamp
   unsigned long count_ = 0;                                // of all that have come in
 };
 

@@ -1,0 +1,98 @@
+// tf against camera_info, a setting that is not told, clocks, and two images under one name.
+#include "cortshift_stereo/admission/rig_evidence.hpp"
+
+#include <gmock/gmock.h>
+
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "cortshift_stereo/admission/pair_quality.hpp"
+#include "cortshift_stereo/admission/pair_synchroniser.hpp"
+
+namespace cortshift_stereo {
+namespace {
+
+using testing::HasSubstr;
+
+StereoModel head(double baseline) {
+  StereoModel model;
+  for (CameraModel* camera : {&model.left, &model.right}) {
+    camera->size = {1024, 768};
+    camera->R = cv::Matx33d::eye();
+    camera->P = cv::Matx34d(3800, 0, 512, 0, 0, 3800, 384, 0, 0, 0, 1, 0);
+  }
+  model.right.P(0, 3) = -3800 * baseline;
+  return model;
+}
+
+Eigen::Isometry3d rightAt(double x, double turned = 0) {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.translation().x() = x;
+  T.linear() = Eigen::AngleAxisd(turned, Eigen::Vector3d::UnitY()).toRotationMatrix();
+  return T;
+}
+
+TEST(StereoEdge, TwoTruthsAreRefused) {
+  EXPECT_TRUE(checkStereoEdge(head(0.025), rightAt(0.025)).all().empty());
+  EXPECT_TRUE(checkStereoEdge(head(0.025), rightAt(0.0253)).all().empty()) << "rounding of two files";
+  for (const Eigen::Isometry3d& T : {rightAt(0.0275), rightAt(0.0225), rightAt(-0.025), rightAt(0.025, 0.01)}) {
+    const Findings found = checkStereoEdge(head(0.025), T);
+    ASSERT_NE(found.refusal(), nullptr);
+    EXPECT_EQ(found.refusal()->check, CheckId::kStereoEdge);
+    EXPECT_THAT(found.refusal()->sentence(), HasSubstr("not of one calibration"));
+  }
+}
+
+TEST(Setting, AbsentIsNotTheReference) {
+  EXPECT_TRUE(checkSettingKnown(true, true).all().empty());
+  EXPECT_EQ(checkSettingKnown(false, true).verdict(), Verdict::kRefuse);
+  const Findings assumed = checkSettingKnown(false, false);
+  EXPECT_EQ(assumed.verdict(), Verdict::kWarn);
+  EXPECT_THAT(assumed.warnings().front(), HasSubstr("/microscope/settings"));
+}
+
+TEST(Clocks, ALagIsWarnedOfInBothDirections) {
+  EXPECT_TRUE(checkLag("The stamp of the pair", 0.1, 0.25, "record time").all().empty());
+  EXPECT_THAT(checkLag("The stamp of the pair", 3, 0.25, "record time").warnings().front(),
+              HasSubstr("3.000 s behind its record time"));
+  EXPECT_THAT(checkLag("The stamp of the pair", -3, 0.25, "record time").warnings().front(),
+              HasSubstr("3.000 s ahead of its record time"));
+  EXPECT_EQ(checkStamp(0).verdict(), Verdict::kRefuse);
+  EXPECT_TRUE(checkStamp(1).all().empty());
+}
+
+TEST(Pairs, StampsThatAreAlmostTheSameNameTheTolerance) {
+  PairSynchroniser<int> pairs(0, 0.5);
+  using Side = PairSynchroniser<int>::Side;
+  pairs.add(Side::kLeft, 1000000000, 1, 0);
+  pairs.add(Side::kRight, 1000012000, 2, 0);
+  const auto unpaired = pairs.takeUnpaired(1);
+  ASSERT_EQ(unpaired.size(), 2u);
+  for (const auto& image : unpaired) EXPECT_THAT(image.message(), HasSubstr("or set sync_tolerance"));
+  pairs.add(Side::kLeft, 2000000000, 1, 2);
+  pairs.add(Side::kRight, 2100000000, 2, 2);
+  for (const auto& image : pairs.takeUnpaired(3)) EXPECT_THAT(image.message(), testing::Not(HasSubstr("or set")));
+}
+
+TEST(Images, RawAndCompressedAgreeButForTheLosses) {
+  cv::Mat raw(240, 320, CV_8UC3);
+  cv::RNG(3).fill(raw, cv::RNG::NORMAL, 120, 60);
+  cv::GaussianBlur(raw, raw, {}, 2);
+  for (const int quality : {40, 95}) {
+    std::vector<uchar> bytes;
+    cv::imencode(".jpg", raw, bytes, {cv::IMWRITE_JPEG_QUALITY, quality});
+    EXPECT_TRUE(checkSameImage(raw, cv::imdecode(bytes, cv::IMREAD_COLOR), "left").all().empty()) << quality;
+  }
+  cv::Mat turned, brighter, small;
+  cv::flip(raw, turned, 1);
+  brighter = raw + cv::Scalar::all(10);
+  cv::resize(raw, small, {}, 0.5, 0.5);
+  for (const cv::Mat& other : {turned, brighter, small}) {
+    const Findings found = checkSameImage(raw, other, "left");
+    ASSERT_NE(found.refusal(), nullptr);
+    EXPECT_THAT(found.refusal()->sentence(), HasSubstr("two sources publish under one name"));
+  }
+}
+
+}  // namespace
+}  // namespace cortshift_stereo

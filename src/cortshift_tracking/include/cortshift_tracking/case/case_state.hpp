@@ -1,0 +1,88 @@
+// What belongs to a case beside its stages: gravity and the regions excluded by hand. On disk before it counts.
+#pragma once
+
+#include <cortshift_msgs/StageInfo.h>
+#include <ros/time.h>
+
+#include <Eigen/Core>
+#include <filesystem>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "cortshift_tracking/field/exclusion.hpp"
+
+namespace cortshift_tracking {
+
+/// Unit vector of a direction, or nothing for one that is none (not finite, or zero).
+std::optional<Eigen::Vector3d> unitVector(const Eigen::Vector3d& direction);
+
+using RegionsByKey = std::map<std::string, std::vector<Region>>;
+
+struct Gravity {
+  Eigen::Vector3d direction_pmr;  ///< unit length, down
+  std::string source;             ///< where it is from, for people
+};
+
+/// Thread-safe. Kept in case_state.json of the case folder, which the StageStore of the case holds the lock of.
+///
+/// A file that was read and found damaged is set aside. One that cannot be read just now, or is of another version,
+/// stays as it is: whatever needs it is refused until it can be read, which is tried each time.
+class CaseState {
+ public:
+  /// What the configuration says; it holds until the case itself says something else.
+  struct Configured {
+    std::optional<Eigen::Vector3d> gravity_pmr;
+    RegionsByKey regions;
+  };
+
+  CaseState(const std::filesystem::path& folder, const Configured& configured);
+
+  /// @throws UnreadableFile
+  std::optional<Gravity> gravity() const;
+
+  /// Regions by the key of their stage, for the stages that there are. Regions belong to one capture: a later stage of
+  /// the same key starts without any. @throws UnreadableFile
+  RegionsByKey regions(const std::vector<cortshift_msgs::StageInfo>& stages) const;
+
+  /// The same for one stage. @throws UnreadableFile
+  std::vector<Region> regionsOf(const cortshift_msgs::StageInfo& stage) const;
+
+  /// Returns when it is safe on disk. @param direction_pmr unit length @throws TrackingError; then nothing has changed
+  void setGravity(const Eigen::Vector3d& direction_pmr, const std::string& source);
+
+  /// Replaces the regions of a stage; see setGravity. @throws TrackingError also for what is no region
+  void exclude(const cortshift_msgs::StageInfo& stage, const std::vector<Region>& regions);
+
+  /// After a stage was deleted. @throws TrackingError
+  void forget(const std::string& key);
+
+  /// What a person should know: that the file cannot be read, or was damaged. Empty: nothing.
+  std::string trouble() const;
+
+ private:
+  struct Excluded {
+    ros::Time stamp;  // of the stage; zero: whatever stage has the key
+    std::vector<Region> regions;
+  };
+  struct Content {
+    std::optional<Gravity> gravity;
+    std::map<std::string, Excluded> excluded;
+  };
+
+  Content& content() const;  // of the file, which is read first where it has not been
+  void write(const Content& content);
+  std::vector<Region> regionsIn(const Content& content, const std::string& key, const ros::Time& stamp) const;
+  static std::string toJson(const Content& content);
+  static Content fromJson(const std::string& text);
+
+  const std::filesystem::path folder_, path_;
+  const Configured configured_;
+  mutable std::mutex mutex_;
+  mutable std::optional<Content> content_;  // nothing: not read yet
+  mutable std::string set_aside_;           // what became of a damaged file
+};
+
+}  // namespace cortshift_tracking

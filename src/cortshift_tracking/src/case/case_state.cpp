@@ -1,0 +1,234 @@
+#include "cortshift_tracking/case/case_state.hpp"
+
+#include <ros/console.h>
+#include <yaml-cpp/yaml.h>
+
+#include <algorithm>
+#include <cmath>
+#include <locale>
+#include <new>
+#include <sstream>
+
+#include "cortshift_tracking/case/durable_file.hpp"
+#include "cortshift_tracking/case/stage_key.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+const char* const kFileName = "case_state.json";
+const std::string kFormat = "cortshift case state, version 1";
+const std::string kAnyFormat = "cortshift case state, version ";
+
+/// Text between double quotes: sources are our own sentences, with nothing in them that JSON would escape.
+std::string quoted(std::string text) {
+  for (char& c : text)
+    if (c == '"' || c == '\\' || static_cast<unsigned char>(c) < ' ') c = '\'';
+  return '"' + text + '"';
+}
+
+template <typename Items, typename Write>
+void list(std::ostream& out, const Items& items, const Write& write) {
+  out << '[';
+  bool first = true;
+  for (const auto& item : items) {
+    if (!first) out << ", ";
+    first = false;
+    write(item);
+  }
+  out << ']';
+}
+
+double finite(const YAML::Node& node) {
+  const auto value = node.as<double>();
+  if (!std::isfinite(value)) throw TrackingError("it holds a number that is not finite");
+  return value;
+}
+
+}  // namespace
+
+std::optional<Eigen::Vector3d> unitVector(const Eigen::Vector3d& direction) {
+  constexpr double kShortest = 1e-6;  // less is a zero that was rounded
+  if (!direction.allFinite() || !(direction.norm() > kShortest)) return std::nullopt;
+  return direction.normalized();
+}
+
+CaseState::CaseState(const std::filesystem::path& folder, const Configured& configured)
+    : folder_(folder), path_(folder / kFileName), configured_(configured) {
+  try {
+    const auto known = gravity();
+    if (known) ROS_INFO_STREAM("gravity is known: " << known->source);
+  } catch (const UnreadableFile& error) {
+    ROS_ERROR_STREAM("gravity and excluded regions of the case are not known: " << error.what());
+  }
+}
+
+std::optional<Gravity> CaseState::gravity() const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  const auto& kept = content().gravity;
+  if (!configured_.gravity_pmr) return kept;
+  if (!kept) return Gravity{*configured_.gravity_pmr, "the parameter gravity"};
+  // Measured in this case, it counts more than what was configured before; but nobody should have to guess.
+  const double apart = std::acos(std::clamp(kept->direction_pmr.dot(*configured_.gravity_pmr), -1.0, 1.0)) * 180 / M_PI;
+  char text[120];
+  std::snprintf(text, sizeof text, "; the parameter gravity, %.1f degrees from it, does not count", apart);
+  return Gravity{kept->direction_pmr, kept->source + text};
+}
+
+std::vector<Region> CaseState::regionsIn(const Content& content, const std::string& key, const ros::Time& stamp) const {
+  const auto kept = content.excluded.find(key);
+  if (kept != content.excluded.end()) {
+    // Of a stage that cannot be read only the key is known: it may be read by the time that it is used.
+    const bool same = kept->second.stamp.isZero() || stamp.isZero() || kept->second.stamp == stamp;
+    return same ? kept->second.regions : std::vector<Region>();
+  }
+  const auto configured = configured_.regions.find(key);
+  return configured == configured_.regions.end() ? std::vector<Region>() : configured->second;
+}
+
+RegionsByKey CaseState::regions(const std::vector<cortshift_msgs::StageInfo>& stages) const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  const Content& known = content();
+  RegionsByKey regions;
+  for (const cortshift_msgs::StageInfo& stage : stages) {
+    const auto of_stage = regionsIn(known, stage.key, stage.stamp);
+    if (!of_stage.empty()) regions[stage.key] = of_stage;
+  }
+  return regions;
+}
+
+std::vector<Region> CaseState::regionsOf(const cortshift_msgs::StageInfo& stage) const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return regionsIn(content(), stage.key, stage.stamp);
+}
+
+void CaseState::setGravity(const Eigen::Vector3d& direction_pmr, const std::string& source) {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  Content changed = content();
+  changed.gravity = Gravity{direction_pmr, source};
+  write(changed);
+}
+
+void CaseState::exclude(const cortshift_msgs::StageInfo& stage, const std::vector<Region>& regions) {
+  excludedMask(ProjectionFrame(), regions);  // checks them
+  const std::lock_guard<std::mutex> guard(mutex_);
+  Content changed = content();
+  changed.excluded[stage.key] = {stage.stamp, regions};
+  write(changed);
+}
+
+void CaseState::forget(const std::string& key) {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  Content changed = content();
+  const bool kept = changed.excluded.erase(key) > 0, configured = configured_.regions.count(key) > 0;
+  if (!kept && !configured) return;
+  if (configured) changed.excluded[key] = {};  // the configured ones were drawn on the stage that is gone
+  write(changed);
+}
+
+std::string CaseState::trouble() const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  try {
+    content();
+    return set_aside_;
+  } catch (const UnreadableFile& error) {
+    return error.what();
+  }
+}
+
+CaseState::Content& CaseState::content() const {
+  if (content_) return *content_;
+  std::error_code ignored;
+  if (std::filesystem::symlink_status(path_, ignored).type() == std::filesystem::file_type::not_found)
+    return content_.emplace();
+  const std::string text = readWhole(path_);
+  try {
+    return content_.emplace(fromJson(text));
+  } catch (const UnreadableFile& error) {
+    throw UnreadableFile(path_.string() + ": " + error.what());
+  } catch (const std::bad_alloc&) {
+    throw UnreadableFile("cannot read " + path_.string() + ": no memory");
+  } catch (const std::exception& error) {  // yaml-cpp's and our own
+    set_aside_ = path_.string() + " is damaged (" + error.what() + ")";
+  }
+  try {
+    set_aside_ += " and set aside as " + moveAside(folder_, path_).string();
+  } catch (const TrackingError&) {  // a read-only folder: naming the file is all that can be done
+  }
+  set_aside_ += "; give gravity and excluded regions again";
+  ROS_ERROR_STREAM(set_aside_);
+  return content_.emplace();
+}
+
+void CaseState::write(const Content& content) {
+  const std::string text = toJson(content);
+  replaceDurably(path_, text.data(), text.size());
+  content_ = content;
+}
+
+std::string CaseState::toJson(const Content& content) {
+  std::ostringstream out;
+  out.imbue(std::locale::classic());
+  out.precision(17);  // what a double needs to be read back as it was
+  out << "{\"format\": " << quoted(kFormat) << ", \"unit\": \"m\",\n \"gravity\": ";
+  if (content.gravity) {
+    const Eigen::Vector3d& down = content.gravity->direction_pmr;
+    out << "{\"direction_pmr\": [" << down.x() << ", " << down.y() << ", " << down.z()
+        << "], \"source\": " << quoted(content.gravity->source) << "}";
+  } else {
+    out << "null";
+  }
+  out << ",\n \"excluded\": {";
+  bool first = true;
+  for (const auto& [key, excluded] : content.excluded) {
+    out << (first ? "\n  " : ",\n  ") << quoted(key) << ": {\"stamp\": [" << excluded.stamp.sec << ", "
+        << excluded.stamp.nsec << "], \"regions\": ";
+    first = false;
+    list(out, excluded.regions, [&](const Region& region) {
+      list(out, region, [&](const cv::Point2d& corner) { out << '[' << corner.x << ", " << corner.y << ']'; });
+    });
+    out << '}';
+  }
+  out << "}}\n";
+  return out.str();
+}
+
+CaseState::Content CaseState::fromJson(const std::string& text) {
+  const YAML::Node root = YAML::Load(text);  // JSON is YAML too
+  if (!root.IsMap()) throw TrackingError("it is not a JSON object");
+  const auto format = root["format"].as<std::string>();
+  if (format != kFormat && format.compare(0, kAnyFormat.size(), kAnyFormat) == 0)
+    throw UnreadableFile("it is a \"" + format + "\", which this software does not know; use the one that wrote it");
+  if (format != kFormat || root["unit"].as<std::string>() != "m")
+    throw TrackingError("it is not a \"" + kFormat + "\" in metres");
+  Content content;
+  const YAML::Node gravity = root["gravity"], excluded = root["excluded"];
+  if (!gravity || !excluded || !excluded.IsMap()) throw TrackingError("gravity or excluded is missing");
+  if (!gravity.IsNull()) {
+    const YAML::Node xyz = gravity["direction_pmr"];
+    if (!xyz || xyz.size() != 3) throw TrackingError("gravity has no direction");
+    const Eigen::Vector3d down(finite(xyz[0]), finite(xyz[1]), finite(xyz[2]));
+    constexpr double kRounding = 1e-9;  // of a unit vector that was written with every digit
+    if (!(std::abs(down.norm() - 1) <= kRounding)) throw TrackingError("gravity is no unit vector");
+    content.gravity = Gravity{down, gravity["source"].as<std::string>()};
+  }
+  for (const auto& entry : excluded) {
+    const auto key = entry.first.as<std::string>();
+    requireKey(key);
+    Excluded& out = content.excluded[key];
+    const auto stamp = entry.second["stamp"].as<std::vector<std::uint32_t>>();
+    if (stamp.size() != 2 || stamp[1] >= 1000000000U) throw TrackingError("the stamp of '" + key + "' is none");
+    out.stamp = ros::Time(stamp[0], stamp[1]);
+    for (const YAML::Node& polygon : entry.second["regions"]) {
+      Region region;
+      for (const YAML::Node& corner : polygon) {
+        if (corner.size() != 2) throw TrackingError("a corner of '" + key + "' is not [x, y]");
+        region.emplace_back(finite(corner[0]), finite(corner[1]));
+      }
+      out.regions.push_back(region);
+    }
+    excludedMask(ProjectionFrame(), out.regions);  // checks them
+  }
+  return content;
+}
+
+}  // namespace cortshift_tracking

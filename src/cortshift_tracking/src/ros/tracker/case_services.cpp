@@ -1,0 +1,82 @@
+#include "cortshift_tracking/ros/tracker/case_services.hpp"
+
+#include <ros/console.h>
+
+#include <functional>
+
+#include "cortshift_tracking/error.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+/// @param action  does what is asked and says so; what it throws becomes the refusal
+template <typename Response>
+bool answer(Response& response, const char* service, const std::function<std::string()>& action) {
+  try {
+    response.message = action();
+    response.success = true;
+    ROS_INFO_STREAM(response.message);
+  } catch (const std::exception& error) {
+    response.success = false;
+    response.message = error.what();
+    ROS_WARN_STREAM(service << " refused: " << response.message);
+  }
+  return true;
+}
+
+}  // namespace
+
+CaseServices::CaseServices(OpenCase& open, ros::NodeHandle& services)
+    : case_(open),
+      list_(services.advertiseService("list_stages", &CaseServices::onList, this)),
+      delete_(services.advertiseService("delete_stage", &CaseServices::onDelete, this)),
+      set_gravity_(services.advertiseService("set_gravity", &CaseServices::onGravity, this)),
+      exclude_(services.advertiseService("exclude_regions", &CaseServices::onExclude, this)) {}
+
+bool CaseServices::onList(cortshift_msgs::ListStages::Request&, cortshift_msgs::ListStages::Response& response) {
+  case_.store.retryUnreadable();
+  response.stages = case_.store.list();
+  return true;
+}
+
+bool CaseServices::onDelete(cortshift_msgs::DeleteStage::Request& request,
+                            cortshift_msgs::DeleteStage::Response& response) {
+  return answer(response, "delete_stage", [&] {
+    case_.store.remove(request.key);
+    std::string message = "stage '" + request.key + "' is deleted";
+    try {
+      case_.state.forget(request.key);
+    } catch (
+        const TrackingError& error) {  // kept regions name the capture that they belong to: no other will have them
+      message += "; what was excluded from it is still on the disk: " + std::string(error.what());
+    }
+    return message;
+  });
+}
+
+bool CaseServices::onGravity(cortshift_msgs::SetGravity::Request& request,
+                             cortshift_msgs::SetGravity::Response& response) {
+  return answer(response, "set_gravity", [&] {
+    const auto down = unitVector({request.gravity.x, request.gravity.y, request.gravity.z});
+    if (!down) throw TrackingError("gravity is not a direction; give a finite vector in pmr that points down");
+    case_.state.setGravity(*down, "the service set_gravity, kept with the case");
+    return std::string("gravity is set and kept with the case; it counts from the next shift on");
+  });
+}
+
+bool CaseServices::onExclude(cortshift_msgs::ExcludeRegions::Request& request,
+                             cortshift_msgs::ExcludeRegions::Response& response) {
+  return answer(response, "exclude_regions", [&] {
+    const cortshift_msgs::StageInfo stage = case_.store.load(request.key).info;
+    std::vector<Region> regions;
+    for (const geometry_msgs::Polygon& polygon : request.polygons) {
+      Region region;
+      for (const geometry_msgs::Point32& corner : polygon.points) region.emplace_back(corner.x, corner.y);
+      regions.push_back(region);
+    }
+    case_.state.exclude(stage, regions);
+    return std::to_string(regions.size()) + " regions are excluded from shifts that start at '" + request.key + "'";
+  });
+}
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,133 @@
+#include "cortshift_tracking/ros/tracker/live_tracking.hpp"
+
+#include <ros/console.h>
+
+#include <chrono>
+#include <optional>
+
+#include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/ros/field_message.hpp"
+#include "cortshift_tracking/ros/stage_shift.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+constexpr std::chrono::milliseconds kLook(200);   // for a new surface, before looking whether to go on
+constexpr std::chrono::milliseconds kPause(500);  // after the stage could not be made ready
+
+/// The stage that the live mode started from is not there any more.
+class StageIsGone : public TrackingError {
+ public:
+  using TrackingError::TrackingError;
+};
+
+void requireThere(const StageStore& store, const cortshift_msgs::StageInfo& from) {
+  for (const cortshift_msgs::StageInfo& stage : store.list())
+    if (stage.key == from.key && stage.stamp == from.stamp) return;
+  throw StageIsGone("live mode has ended: stage '" + from.key +
+                    "' that it started from is deleted; start it from another");
+}
+
+}  // namespace
+
+LiveTracking::LiveTracking(const ShiftTrackerParameters& parameters, OpenCase& open, const Placement& placement,
+                           const SurfaceFeed& feed, FieldPublisher& publisher, Activity& activity,
+                           ros::NodeHandle& services)
+    : settings_(parameters.shift),
+      case_(open),
+      placement_(placement),
+      feed_(feed),
+      publisher_(publisher),
+      activity_(activity),
+      track_(services.advertiseService("track", &LiveTracking::onTrack, this)) {
+  settings_.frame.resolution = parameters.track_resolution;
+}
+
+LiveTracking::~LiveTracking() { stop(); }
+
+bool LiveTracking::onTrack(cortshift_msgs::TrackShift::Request& request,
+                           cortshift_msgs::TrackShift::Response& response) {
+  try {
+    const std::lock_guard<std::mutex> guard(switch_mutex_);
+    std::optional<cortshift_msgs::StageInfo> from;
+    if (request.on) from = case_.store.load(request.key).info;  // before anything is stopped
+    stop();
+    if (from) {
+      say(true, from->key, "");
+      wanted_ = true;
+      thread_ = std::thread(&LiveTracking::run, this, *from);
+    }
+    response.success = true;
+    response.message = request.on ? "tracking the shift from '" + request.key + "'" : "tracking is off";
+  } catch (const std::exception& error) {
+    response.success = false;
+    response.message = error.what();
+  }
+  return true;
+}
+
+void LiveTracking::stop() {
+  wanted_ = false;
+  if (thread_.joinable()) thread_.join();
+  say(false, "", "");
+}
+
+void LiveTracking::say(bool on, const std::string& from, const std::string& trouble) {
+  const std::lock_guard<std::mutex> guard(report_mutex_);
+  report_ = {on, from, trouble};
+}
+
+LiveTracking::Report LiveTracking::report() const {
+  const std::lock_guard<std::mutex> guard(report_mutex_);
+  return report_;
+}
+
+void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
+  std::optional<Reference> reference;
+  std::vector<Region> excluded;  // in the reference
+  unsigned long seen = 0;
+  cv::Mat prediction;  // from the field before
+  while (wanted_) {
+    try {
+      requireThere(case_.store, from);
+      const std::vector<Region> regions = case_.state.regionsOf(from);
+      if (!reference || regions != excluded) {
+        const StageRecord record = case_.store.load(from.key);
+        const std::lock_guard<std::mutex> guard(case_.computing);
+        reference = prepareReference(cortshift_stereo::surfaceFromPointCloud2(*record.surface), settings_, regions);
+        excluded = regions;
+      }
+      const sensor_msgs::PointCloud2ConstPtr surface = feed_.inbox().waitForNewer(seen, kLook);
+      if (!surface) continue;
+      cortshift_msgs::StageInfo to;  // a surface that is no stage has no key
+      to.stamp = surface->header.stamp;
+      if (!sameRegistration(from.registration, placement_.registration.newest()))
+        throw TrackingError("the patient registration has changed since this stage; track from one of the new epoch");
+      const std::lock_guard<std::mutex> guard(case_.computing);
+      const Directions directions = case_.directions();
+      ShiftResult result = computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface), directions,
+                                        settings_, prediction);
+      if (const auto status = feed_.statusOf(to.stamp)) to.warnings = status->warnings;
+      result.summary.warnings = warningsOf(from, to);
+      prediction = predictionOf(result.flow, result.field.confidence);
+      requireThere(case_.store, from);  // nothing is published of a stage that was deleted meanwhile
+      publisher_.publish(result, directions, from, to, true);
+      activity_.tracked("live from " + from.key + ": " + toText(result.summary));
+      say(true, from.key, "");
+    } catch (const StageIsGone& error) {
+      ROS_WARN_STREAM(error.what());
+      activity_.refused(error.what());
+      say(false, "", error.what());
+      return;
+    } catch (const std::exception& error) {  // the next surface may be better
+      prediction.release();
+      ROS_WARN_STREAM_THROTTLE(2, "tracking from '" << from.key << "': " << error.what());
+      activity_.refused(error.what());
+      say(true, from.key, error.what());
+      if (!reference) std::this_thread::sleep_for(kPause);
+    }
+  }
+}
+
+}  // namespace cortshift_tracking

@@ -1,0 +1,90 @@
+#!/usr/bin/python3
+"""Live mode follows what becomes of the stage that it started from."""
+import os
+import signal
+import shutil
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+from cortshift_msgs.msg import DisplacementField
+from geometry_msgs.msg import Point32, Polygon
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
+from graph import Diagnostics, TrackerProcess, field_arrays, wait_until  # noqa: E402
+from sheet import SheetSource  # noqa: E402
+
+STATE = 'shift_tracker: state'
+GRID = 0.0008  # m, of the live mode
+SQUARE = [[0.02, 0.02], [0.03, 0.02], [0.03, 0.03], [0.02, 0.03]]  # m, in the projection frame
+
+
+class LiveState(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node('live_state')
+        cls.folder = tempfile.mkdtemp(prefix='cortshift_live_')
+        cls.fields = []
+        rospy.Subscriber('/shift/field', DisplacementField, cls.fields.append, queue_size=20)
+        cls.diagnostics = Diagnostics()
+        cls.surfaces = SheetSource(cls.diagnostics)
+        cls.node = TrackerProcess()
+        cls.tracker = cls.node.start(case_folder=cls.folder, track_resolution=GRID, resolution=0.0004, coarse_resolution=GRID,
+                                     capture_timeout=5.0)
+        cls.surfaces.connect()
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.node.end(signal.SIGKILL)
+        shutil.rmtree(cls.folder)
+
+    def capture(self, key):
+        self.surfaces.send()
+        answer = self.tracker.capture_stage(key, '')
+        self.assertTrue(answer.success, answer.message)
+
+    def live_field(self):
+        """The field of a surface that is sent now."""
+        stamp = self.surfaces.send(0.001)
+        wait_until(lambda: self.fields and self.fields[-1].to_stamp == stamp, 60, 'a live field')
+        return field_arrays(self.fields[-1])[1]
+
+    def test_exclusions_count_at_once(self):
+        self.capture('drawn_on')
+        self.assertTrue(self.tracker.track('drawn_on', True).success)
+        middle = int(0.025 / GRID)
+        self.assertTrue(np.isfinite(self.live_field()[middle, middle]).all())
+        answer = self.tracker.exclude_regions('drawn_on', [Polygon([Point32(x, y, 0) for x, y in SQUARE])])
+        self.assertTrue(answer.success, answer.message)
+        holed = self.live_field()
+        self.assertTrue(np.isnan(holed[middle, middle]).all())
+        self.assertTrue(np.isfinite(holed).any())
+        self.assertTrue(self.tracker.exclude_regions('drawn_on', []).success)
+        self.assertTrue(np.isfinite(self.live_field()[middle, middle]).all())
+
+    def test_a_stage_that_is_deleted_ends_it(self):
+        self.capture('gone')
+        self.assertTrue(self.tracker.track('gone', True).success)
+        self.diagnostics.wait_for(STATE, live='on', live_from='gone', live_trouble='')
+        self.live_field()
+        self.assertTrue(self.tracker.delete_stage('gone').success)
+        self.diagnostics.wait_for(STATE, live='off', live_from='', live_trouble="stage 'gone' that it started from is deleted",
+                                  message='live mode has ended')
+        self.capture('gone')  # another one of the same key
+        count = len(self.fields)
+        self.surfaces.send(0.001)
+        self.diagnostics.wait_for(STATE, live='off')
+        self.assertEqual(len(self.fields), count)
+        self.assertTrue(self.tracker.track('gone', True).success)
+        self.live_field()
+        self.assertEqual(self.fields[-1].from_stamp, self.tracker.list_stages().stages[-1].stamp)
+        self.diagnostics.wait_for(STATE, live='on', live_from='gone', live_trouble='')
+        self.assertTrue(self.tracker.track('', False).success)
+        self.diagnostics.wait_for(STATE, live='off', live_trouble='', message='ok')
+
+
+if __name__ == '__main__':
+    rostest.rosrun('cortshift_tracking', 'live_state', LiveState)
