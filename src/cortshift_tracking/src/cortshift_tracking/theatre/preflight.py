@@ -40,7 +40,7 @@ class Limits:
     """Of a site, under the key `preflight` of its file; these are the defaults."""
     calibration_days: float = 90.0  # older: WARN, twice as old: FAIL
     disk_gb: float = 20.0           # less: FAIL; a case of two hours with its recording
-    clock_must_be_synchronised: bool = False  # with several machines or a tracker that stamps by itself
+    clock_must_be_synchronised: bool = False  # true with several machines, or with a tracker that has a clock of its own
 
 
 @dataclass
