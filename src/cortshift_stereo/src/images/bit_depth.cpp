@@ -51,8 +51,8 @@ int recognise(const Use& left, const Use& right) {
                      "): the light is off, or the values have 8 bits; check the light and the exposure, or declare the "
                      "bits (image_bits)");
   if (left.largest > 0 && right.largest > 0 && std::abs(bitsFor(left.largest) - bitsFor(right.largest)) >= kUnlike)
-    throw ImageError("unlike images: the left one uses " + text(bitsFor(left.largest), left.largest) + " of 16, the right one " +
-                     text(bitsFor(right.largest), right.largest) +
+    throw ImageError("unlike images: the left one uses " + text(bitsFor(left.largest), left.largest) +
+                     " of 16, the right one " + text(bitsFor(right.largest), right.largest) +
                      ": set both cameras to one pixel format and exposure, or declare the bits (image_bits)");
   return bitsFor(largest);
 }

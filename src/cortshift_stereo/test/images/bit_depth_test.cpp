@@ -91,7 +91,8 @@ TEST(BitDepth, WhatCannotBeToldOrContradictsIsRefusedByName) {
                 .find("at most 8 bits in 16-bit images (largest value 128)"),
             std::string::npos);
   EXPECT_EQ(refusal(BitDepth(), with(16, picture()), with(12, picture()))
-                .find("unlike images: the left one uses 16 bits (largest value 65535) of 16, the right one 12 bits (largest value "
+                .find("unlike images: the left one uses 16 bits (largest value 65535) of 16, the right one 12 bits "
+                      "(largest value "
                       "4095)"),
             0U);
   EXPECT_NE(refusal(BitDepth(10), with(12, picture()), with(12, picture()))
