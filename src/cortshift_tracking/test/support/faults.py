@@ -410,7 +410,7 @@ def untouched(entries, _):
 
 @variant
 def tracker_with_its_noise(entries, random):
-    sd = random.uniform(0.00001, 0.00004)
+    sd = random.uniform(0.000005, 0.00002)
     for _, _, edge in edges(entries, 'microscope'):
         move(edge, sd * random.normal(size=3))
     return entries
