@@ -96,6 +96,7 @@ void BagIndex::read(std::uint64_t position, std::uint32_t connections, std::uint
   if (position != records_.size()) throw FormatError("more than it counts follows", {position, {}});
   for (std::size_t i = 0; i < counts.size(); ++i) topics[i].messages = counts[i];
   requireChunks();
+  requireEnds();
 }
 
 Chunk BagIndex::chunkOf(const Record& head, std::vector<std::uint64_t>& counts) const {
@@ -105,12 +106,19 @@ Chunk BagIndex::chunkOf(const Record& head, std::vector<std::uint64_t>& counts) 
   if (chunk.begin > chunk.end) throw FormatError("a chunk ends before it begins", place);
   if (head.data_size != 8ull * head.fields.number<std::uint32_t>("count"))
     throw FormatError("a chunk's entry is not as long as it says", place);
+  std::map<std::uint32_t, std::uint64_t> said, there;
   const std::string content = records_.bytes(head.data, head.data_size);
   for (std::size_t at = 0; at < content.size(); at += 8) {
-    const Connection& found = connection(numberAt<std::uint32_t>(content.data() + at), place);
+    const auto id = numberAt<std::uint32_t>(content.data() + at);
+    const Connection& found = connection(id, place);
+    said[id] += numberAt<std::uint32_t>(content.data() + at + 4);
     counts[found.topic] += numberAt<std::uint32_t>(content.data() + at + 4);
     if (found.bit) chunk.mask |= std::uint64_t{1} << *found.bit;
   }
+  // A topic that the entry leaves out would silently be missing from this chunk.
+  for (const ChunkIndex& index : records_.indexesAfter(records_.chunkHead(chunk.position)))
+    there[index.connection] += index.count;
+  if (said != there) throw FormatError("a chunk holds something else than its entry says", place);
   return chunk;
 }
 
@@ -124,6 +132,21 @@ void BagIndex::requireChunks() {
     if (position < free) throw FormatError("two chunks overlap", {position, {}});
     free = head.next();
     ++compressions[head.compression];
+  }
+}
+
+/// Seconds count from the bag's begin: the chunks that say when it begins and ends have to have such messages.
+void BagIndex::requireEnds() const {
+  for (const Chunk& chunk : chunks) {
+    if (chunk.begin != begin && chunk.end != end) continue;
+    ros::Time first = ros::TIME_MAX, last;
+    for (const ChunkIndex& index : records_.indexesAfter(records_.chunkHead(chunk.position)))
+      for (const ChunkIndex::Message& message : records_.messagesOf(index)) {
+        first = std::min(first, message.time);
+        last = std::max(last, message.time);
+      }
+    if (first != chunk.begin || last != chunk.end)
+      throw FormatError("a chunk's messages have other times than the index says,", {chunk.position, {}});
   }
 }
 

@@ -42,6 +42,7 @@ class BagIndex {
   void read(std::uint64_t position, std::uint32_t connections, std::uint32_t chunks);
   Chunk chunkOf(const Record& head, std::vector<std::uint64_t>& counts) const;
   void requireChunks();
+  void requireEnds() const;
   void walk(std::uint64_t position);
   Chunk scan(std::uint64_t position, const ChunkHead& head);
   void add(const Fields& head, const char* data, std::size_t size, const Place& place);

@@ -87,7 +87,7 @@ Outcome readAll(const std::filesystem::path& path) {
   try {
     const BagFile bag(path, kTopics);
     out.remarks = bag.remarks().size();
-    out.contents = std::to_string((bag.end() - bag.begin()).toNSec());
+    out.contents = std::to_string(bag.begin().toNSec()) + " " + std::to_string(bag.end().toNSec());
     for (const BagTopic& topic : bag.topics()) out.contents += topic.name + std::to_string(topic.messages);
     for (const BagEntry& entry : bag.entries({kTopics[0]}, ros::Time(), ros::TIME_MAX)) {
       append<cortshift_msgs::MicroscopeSettings>(bag, entry, out.contents);
@@ -95,7 +95,7 @@ Outcome readAll(const std::filesystem::path& path) {
     }
     for (const BagEntry& entry : bag.entries({kTopics[1]}, bag.begin(), bag.end()))
       append<sensor_msgs::CameraInfo>(bag, entry, out.contents);
-    for (const BagEntry& entry : bag.lastBefore(kTopics[2], bag.end() + ros::Duration(1), 5))
+    for (const BagEntry& entry : bag.lastBefore(kTopics[2], ros::TIME_MAX, 5))
       append<tf2_msgs::TFMessage>(bag, entry, out.contents);
   } catch (const TrackingError& error) {
     out.refusal = error.what();
