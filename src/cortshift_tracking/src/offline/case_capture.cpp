@@ -196,10 +196,10 @@ CaseCapture::Captured CaseCapture::captureOne(const PlannedCapture& planned) con
 std::string CaseCapture::whyNone(const ros::Time& asked) const {
   const auto unpaired = recording_.unpaired(shifted(asked, -parameters_.tracker.max_surface_age),
                                             shifted(asked, parameters_.tracker.capture_timeout));
-  if (!unpaired.empty())
-    return ": " + std::to_string(unpaired.size()) + " images there have no partner. The first: " + unpaired.front();
   const std::string others = recording_.notUnderstood();
-  return ": no image of the two cameras is recorded there" +
+  return (unpaired.empty() ? ": no image of the two cameras is recorded there"
+                           : ": " + std::to_string(unpaired.size()) +
+                                 " images there have no partner. The first: " + unpaired.front()) +
          (others.empty() ? ""
                          : "; images that are recorded on other topics: " + others +
                                "; rename them to /stereo/{left,right}/image_raw");
