@@ -24,6 +24,9 @@ Check checkOf(CheckId id) {
     case CheckId::kImageMessage:
       return {"image", "an image message", "decodable, of an encoding that is understood; else refused", "",
               kPairDoors};
+    case CheckId::kBitDepth:
+      return {"bit_depth", "bits used in images of 16 bits, over both cameras and the case",
+              "10 to 16, alike in both cameras, or as declared; else refused", "image_bits", kPairDoors};
     case CheckId::kImageSize:
       return {"image_size", "size of the image", "that of its calibration; else refused", "", kPairDoors};
     case CheckId::kBlank:

@@ -83,7 +83,7 @@ SurfaceReconstructionParameters CaseCapture::parametersAt(const PairMessages& me
 StageRecord CaseCapture::recordOf(const PairPlace& place) const {
   const PairMessages messages = recording_.read(place);
   const SurfaceReconstructionParameters parameters = parametersAt(messages);
-  cortshift_stereo::PairReconstruction reconstruct(parameters);
+  cortshift_stereo::PairReconstruction reconstruct(parameters, depth_);
   const auto surfaceOf = [&](const PairPlace& pair, const PairMessages& content) {
     return reconstruct(content, recording_.posesAround(pair.arrival, parameters.max_pose_gap));
   };
@@ -221,7 +221,7 @@ CaseCapture::Captured CaseCapture::captureMean(const PlannedCapture& planned) co
       if (exposed(place) < asked || (place.arrival - heard).toSec() > patience) continue;
       try {
         const PairMessages messages = recording_.read(place);
-        if (!reconstruct) reconstruct.emplace(parametersAt(messages));
+        if (!reconstruct) reconstruct.emplace(parametersAt(messages), depth_);
         const auto poses = recording_.posesAround(place.arrival, parameters_.reconstruction.max_pose_gap);
         frames.add((*reconstruct)(messages, poses).frame);
         ++offered;

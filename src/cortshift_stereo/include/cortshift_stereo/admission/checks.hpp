@@ -10,6 +10,7 @@ namespace cortshift_stereo {
 enum class CheckId {
   // One image
   kImageMessage,
+  kBitDepth,
   kImageSize,
   kBlank,
   kSaturated,
