@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include "cortshift_stereo/admission/limits.hpp"
 #include "cortshift_stereo/admission/pair_synchroniser.hpp"
@@ -161,17 +162,22 @@ Findings CaseRecording::judgeClock(const PairPlace& pair) const {
   if (!std::isfinite(period)) period = 0;
   Findings found = cortshift_stereo::checkLag("The stamp of the pair", pair.arrival.toSec() - pair.stamp.toSec(),
                                               std::max(period, ClockLimits::kTransport), "record time");
-  constexpr double kBeside = 0.5;  // [s]
-  std::vector<double> lags;
+  constexpr double kBeside = 0.5;                   // [s]
+  std::map<std::string, std::vector<double>> lags;  // of each edge: a publisher may have a clock of its own
   for (const BagEntry& entry : bag_.entries({kTf}, shifted(pair.arrival, -kBeside), shifted(pair.arrival, kBeside))) {
     const tf2_msgs::TFMessageConstPtr message = bag_.read<tf2_msgs::TFMessage>(entry);
-    for (const auto& sample : message->transforms) lags.push_back(entry.time.toSec() - sample.header.stamp.toSec());
+    for (const auto& sample : message->transforms) {
+      const std::string child = cortshift_stereo::withoutSlash(sample.child_frame_id);
+      if (child == "reference" || child == "microscope" || child == parameters_.camera_frame)
+        lags[child].push_back(entry.time.toSec() - sample.header.stamp.toSec());
+    }
   }
-  if (lags.empty()) return found;
-  const auto middle = lags.begin() + static_cast<std::ptrdiff_t>(lags.size() / 2);
-  std::nth_element(lags.begin(), middle, lags.end());
-  found.add(
-      cortshift_stereo::checkLag("The stamp of the poses on /tf", *middle, ClockLimits::kTransport, "record time"));
+  for (auto& [child, of_edge] : lags) {
+    const auto middle = of_edge.begin() + static_cast<std::ptrdiff_t>(of_edge.size() / 2);
+    std::nth_element(of_edge.begin(), middle, of_edge.end());
+    found.add(cortshift_stereo::checkLag("The stamp of " + child + " on /tf", *middle, ClockLimits::kTransport,
+                                         "record time"));
+  }
   return found;
 }
 

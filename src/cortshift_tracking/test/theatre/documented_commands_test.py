@@ -19,7 +19,7 @@ SERVICES = {'/shift_tracker/capture_stage': 'CaptureStage', '/shift_tracker/comp
 
 
 def commands():
-    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    text = (ROOT / 'README.md').read_text(encoding='utf-8').replace('\\\n', ' ')   # a line that goes on below
     lines = [line.split(' #')[0].strip() for block in BLOCK.findall(text) for line in block.splitlines()]
     return sorted({line for line in lines + [line.strip() for line in INLINE.findall(text)] if line and not line.startswith('#')})
 
