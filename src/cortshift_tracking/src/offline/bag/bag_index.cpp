@@ -10,10 +10,10 @@ const std::string kMagic = "#ROSBAG V2.0\n";
 void requireMagic(const BagRecords& records, const std::string& unusable) {
   const std::string magic = records.bytes(0, std::min<std::uint64_t>(kMagic.size(), records.size()));
   if (magic == kMagic) return;
-  if (magic.compare(0, 8, "#ROSBAG ") == 0)
-    throw TrackingError(unusable + "it has the old format" + magic.substr(7, magic.find('\n') - 7) +
+  if (magic.compare(0, 10, "#ROSBAG V1") == 0)
+    throw TrackingError(unusable + "it has the old format V1" +
                         "; convert it with `rosbag reindex` and `rosbag filter`");
-  throw TrackingError(unusable + "it does not begin as a bag does; give a .bag file of ROS 1");
+  throw TrackingError(unusable + "it does not begin as a bag does; give a .bag file of ROS 1, or copy it again");
 }
 
 }  // namespace
