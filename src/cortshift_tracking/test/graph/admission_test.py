@@ -21,15 +21,19 @@ FIRST, SECOND = 5.2, 21.2   # [s] of the recording
 
 
 class Admission(unittest.TestCase):
+    player = None
+
     def play(self, entries, number):
         """Each recording lies 1000 s behind the one before, so that the graph goes on."""
         entries = faults.moved_in_time(entries, 1000.0 * number)
         path = os.path.join(self.folder, f'{number}.bag')
         self.start = faults.begin_of(entries)
         write([entry for entry in entries if entry[2].to_sec() < self.start + SECOND + 6], path)
-        player = Player(path)
-        self.addCleanup(player.stop)
-        return player
+        if self.player:
+            self.player.stop()
+        self.player = Player(path)
+        self.addCleanup(self.player.stop)
+        return self.player
 
     def capture(self, player, key, seconds):
         player.wait_for(self.start + seconds)
@@ -55,7 +59,6 @@ class Admission(unittest.TestCase):
             self.assertIn('WARNING', answer.message)
             self.assertTrue(answer.stage.provenance.software)
             self.assertEqual(len(answer.stage.provenance.calibration), 64)
-            player.stop()
 
         with self.subTest('untouched'):
             player = self.play(copy.deepcopy(self.entries), 2)
@@ -68,16 +71,13 @@ class Admission(unittest.TestCase):
             self.assertEqual(shift.summary.warnings, [])
             field = self.tracker.field('a', 'b')
             self.assertEqual(field.provenance.calibration, answers[0].stage.provenance.calibration)
-            player.stop()
 
         with self.subTest('a recorder whose clock is 3 s ahead'):
             ahead = [[topic, message, time + genpy.Duration(3)] for topic, message, time in copy.deepcopy(self.entries)]
             player = self.play(ahead, 3)
             answer = self.capture(player, 'ahead', FIRST)
-            self.assertTrue(answer.success, answer.message)
-            self.assertLess(abs(answer.stage.stamp.to_sec() + 3 - self.start - 5.0), 0.01)   # not of the next stage
-            self.assertIn('behind its arrival', ' '.join(answer.stage.warnings))
-            player.stop()
+            self.assertFalse(answer.success)   # never the pair of the next stage; process_bag, which has one clock, takes the right one
+            self.assertIn('that the clocks agree', answer.message)
 
         with self.subTest('a hand-eye calibration that changes'):
             player = self.play(self.faulty('hand_eye_changes'), 4)
@@ -91,18 +91,16 @@ class Admission(unittest.TestCase):
             across = rospy.ServiceProxy('/shift_tracker/compute_shift_across_epochs', ComputeShift)('before', 'after')
             self.assertTrue(across.success, across.message)
             self.assertIn('no movement of the brain', ' '.join(across.summary.warnings))
-            player.stop()
 
-        for number, (name, text) in enumerate([('pose_of_two_publishers', 'two publishers'),
-                                               ('baseline_of_two_truths', 'differ about the stereo head'),
-                                               ('pose_fixed_and_moving', 'fixed on /tf_static')]):
+        for number, (name, text, at) in enumerate([('pose_of_two_publishers', 'two publishers', SECOND),
+                                                   ('baseline_of_two_truths', 'differ about the stereo head', SECOND),
+                                                   ('pose_fixed_and_moving', 'fixed on /tf_static', FIRST)]):
             with self.subTest(name):
                 player = self.play(self.faulty(name), 5 + number)
-                answer = self.capture(player, name, SECOND)
+                answer = self.capture(player, name, at)
                 self.assertFalse(answer.success)
                 self.assertIn(text, answer.message)
-                player.stop()
-
+    
 
 if __name__ == '__main__':
     rostest.rosrun('cortshift_tracking', 'admission', Admission)

@@ -70,25 +70,30 @@ void PoseWatch::requireStill(const ros::Time& stamp) const {
   if (motion) requireSlow(*motion, max_speed_);
 }
 
-std::optional<double> PoseWatch::age() const {
+std::optional<double> PoseWatch::age(std::string* contradiction) const {
   const ros::Time now = ros::Time::now();
   for (double age = 0; age <= kHorizon && now.toSec() > age; age += kStep) {
     try {
       poses_.lookup("pmr", "left_optical", cortshift_stereo::shifted(now, -age), ros::WallDuration(0));
       ever_ = true;
       return age;
-    } catch (const cortshift_stereo::PoseError&) {  // not yet, or no longer
+    } catch (const cortshift_stereo::PoseError& error) {  // not yet, or no longer
+      if (contradiction && error.reason() == cortshift_stereo::PoseError::Reason::kTwoSources)
+        *contradiction = error.what();
     }
   }
   return std::nullopt;
 }
 
 void PoseWatch::requireSeen() const {
-  const auto now = age();
+  std::string contradiction;
+  const auto now = age(&contradiction);
+  if (!contradiction.empty()) throw TrackingError(contradiction);
   if (ever_ && !(now && *now <= kLost))
-    throw TrackingError("the tracker has not seen the microscope for " +
-                        (now ? text("%.1f s", *now) : text("more than %.0f s", kHorizon)) +
-                        "; clear its line of sight, or check the connection to it, and capture again");
+    throw TrackingError(
+        "the tracker has not seen the microscope for " +
+        (now ? text("%.1f s", *now) : text("more than %.0f s", kHorizon)) +
+        "; clear its line of sight, or check the connection to it and that the clocks agree, and capture again");
 }
 
 }  // namespace cortshift_tracking

@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <optional>
+#include <string>
 
 #include "cortshift_stereo/ros/pose_lookup.hpp"
 #include "cortshift_stereo/ros/pose_tree.hpp"
@@ -31,9 +32,12 @@ class PoseWatch {
   void requireStill(const ros::Time& stamp) const;
 
   /// Age of the newest known pose [s]; nothing where none is known for the last seconds.
-  std::optional<double> age() const;
+  /// @param contradiction  gets why there is none where two sources say different poses; may be null
+  std::optional<double> age(std::string* contradiction = nullptr) const;
 
-  /// @throws TrackingError if there was a pose once and the tracker has now lost the tool for a while
+  /// @throws TrackingError if there was a pose once and the tracker has now lost the tool for a while, or if two
+  /// sources
+  ///   say different poses
   void requireSeen() const;
 
  private:
