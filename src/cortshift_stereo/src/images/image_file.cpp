@@ -83,7 +83,7 @@ int exifOrientation(const std::vector<std::uint8_t>& file) {
 cv::Mat decodeImage(const std::vector<std::uint8_t>& file, const std::string& name) {
   cv::Mat image;
   if (!file.empty()) image = cv::imdecode(file, cv::IMREAD_UNCHANGED | cv::IMREAD_IGNORE_ORIENTATION);
-  if (image.empty()) throw ImageError(name + " is not readable as an image; replace it");
+  if (image.empty()) throw ImageError(name + ": not readable as an image; replace it or take it out");
   if (image.depth() != CV_8U && image.depth() != CV_16U)
     throw ImageError(name + " does not hold whole numbers of 8 or 16 bits; save it as such");
   const int orientation = exifOrientation(file);

@@ -100,7 +100,7 @@ TEST(ImageFile, RefusesByNameWhatAsksForRotationOrIsNoImage) {
     EXPECT_NE(std::string(error.what()).find("left.jpg carries EXIF orientation 6"), std::string::npos);
   }
   write(folder.file("text.png"), Bytes{'n', 'o'});
-  EXPECT_NE(refusal(folder.file("text.png")).find("text.png is not readable as an image"), std::string::npos);
+  EXPECT_NE(refusal(folder.file("text.png")).find("text.png: not readable as an image"), std::string::npos);
   EXPECT_NE(refusal(folder.file("none.png")).find("none.png cannot be read"), std::string::npos);
   write(folder.file("float.tif"), encoded(".tif", cv::Mat(20, 20, CV_32FC1, cv::Scalar(0.5))));
   EXPECT_NE(refusal(folder.file("float.tif")).find("whole numbers of 8 or 16 bits"), std::string::npos);

@@ -151,8 +151,8 @@ StereoModel rectify(const StereoParameters& parameters) {
   if (!(t[0] < 0) || std::abs(t[1]) > std::abs(t[0]))
     throw CalibrationError("the right camera is at " +
                            cortshift_flow::formatted("x = %.4f m, y = %.4f m", -t[0], -t[1]) +
-                           " seen from the left one; it must be to the right of it: are left and right swapped, or the "
-                           "images rotated?");
+                           " seen from the left one; it must be to the right of it: are left and right swapped, or "
+                           "images rotated or mirrored?");
   cv::Matx33d R_left, R_right;
   cv::Matx34d P_left, P_right;
   cv::Matx44d Q;

@@ -78,9 +78,10 @@ class Screening {
       : board_(board), size_(size), pairs_(std::move(pairs)) {
     requireEnough();
     while (rejectBySide("left", &PointLists::left) || rejectBySide("right", &PointLists::right)) continue;
-    requireTilt();
+    requireFocalLength();
     while (rejectByRelativePose()) continue;
     while (rejectByJointFit()) continue;
+    requireFocalLength();
   }
 
   const std::vector<BoardPair>& pairs() const { return pairs_; }
@@ -168,15 +169,20 @@ class Screening {
   /// Boards that all face the camera do not determine its focal length. The deviations that OpenCV reports do not show
   /// it: at 1 degree of tilt they say 0.01 % where the focal length is wrong by a factor of three; at 10 degrees both
   /// are 0.4 %.
-  void requireTilt() const {
+  void requireFocalLength() const {
     const auto [left, right] = singleCameras();
     for (const auto* camera : {&left, &right}) {
       const double tilt = rmsTilt(*camera);
-      if (!(tilt >= kLeastTilt) || !(camera->focal_deviation <= kLargestFocalDeviation))
+      if (!(tilt >= kLeastTilt))
         throw CalibrationError("the boards are too parallel to the image to determine the focal length: " +
                                formatted("tilted by %.1f degrees RMS, at least %.0f are needed", tilt * 180 / CV_PI,
                                          kLeastTilt * 180 / CV_PI) +
                                "; take views tilted by 20 to 40 degrees in all directions");
+      if (!(camera->focal_deviation <= kLargestFocalDeviation))
+        throw CalibrationError(
+            "the views determine a focal length only to " +
+            formatted("%.1f %% (limit %.0f %%)", 100 * camera->focal_deviation, 100 * kLargestFocalDeviation) +
+            "; take more of them, sharp, and tilted by 20 to 40 degrees in all directions");
     }
   }
 
@@ -217,11 +223,6 @@ StereoCalibration calibrateStereo(const Board& board, const cv::Size& size, cons
   StereoCalibration calibration;
   calibration.rejected = calibration.screened = screening.rejected();
   calibration.focal_deviation = screening.focalDeviation();
-  if (!(calibration.focal_deviation <= kLargestFocalDeviation))
-    throw CalibrationError(
-        "the views determine a focal length only to " +
-        formatted("%.1f %% (limit %.0f %%)", 100 * calibration.focal_deviation, 100 * kLargestFocalDeviation) +
-        "; the boards are too parallel: take views tilted by 20 to 40 degrees in all directions");
 
   const StereoParameters start = screening.start();
   const auto fits = fitsOf(lens);

@@ -2,20 +2,18 @@
 
 #include <gmock/gmock.h>
 
-#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <opencv2/calib3d.hpp>
-#include <opencv2/core/affine.hpp>
 #include <random>
 
 #include "cortshift_stereo/calibration/board_images.hpp"
 #include "cortshift_stereo/calibration/camera_info_yaml.hpp"
 #include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
-#include "cortshift_stereo/calibration/stereo/stereo_verdict.hpp"
 #include "cortshift_stereo/geometry/lens.hpp"
 #include "real_chessboards.hpp"
 #include "scratch_folder.hpp"
+#include "simulated_stereo_head.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -24,48 +22,6 @@ const BoardImages& realBoards() {
   static const BoardImages found = findBoards(realChessboards(), kRealBoard);
   return found;
 }
-
-/// A microscope's two cameras, verging on a point 0.3 m away.
-StereoParameters someHead() {
-  StereoParameters head;
-  head.size = {1024, 768};
-  head.K_left = {2400, 0, 500, 0, 2390, 390, 0, 0, 1};
-  head.K_right = {2420, 0, 530, 0, 2425, 370, 0, 0, 1};
-  head.D_left = {-0.25, 0, 0, 0, 0};
-  head.D_right = {-0.22, 0, 0, 0, 0};
-  const cv::Affine3d T_left_right(cv::Vec3d(0.004, -0.083, 0.002), cv::Vec3d(0.025, 0.0003, 0.001));
-  head.R_right_left = T_left_right.inv().rotation();
-  head.t_right_left = T_left_right.inv().translation();
-  return head;
-}
-
-/// Noisy views of a board tilted by up to `tilt` [rad]. `spread` says how far from the middle, `late` how far the board
-/// moves on before the right camera looks [m].
-std::vector<BoardPair> someViews(const StereoParameters& head, const Board& board, int count, double tilt, double noise,
-                                 unsigned seed, double spread = 1, double late = 0) {
-  std::mt19937 random(seed);
-  std::normal_distribution<double> normal;
-  std::uniform_real_distribution<double> unit(-1, 1);
-  std::vector<BoardPair> views;
-  for (int i = 0; i < count; ++i) {
-    const cv::Affine3d turned(tilt * cv::Vec3d(unit(random), unit(random), unit(random)));
-    const cv::Vec3d middle(spread * 0.01 * unit(random), spread * 0.008 * unit(random), 0.3 + 0.03 * unit(random));
-    const cv::Affine3d T_left_board(turned.rotation(),
-                                    middle - turned.rotation() * cv::Vec3d(4 * board.square, 2.5 * board.square, 0));
-    const cv::Affine3d T_right_board =
-        cv::Affine3d(head.R_right_left, head.t_right_left) *
-        (late > 0 ? T_left_board.translate(late * cv::Vec3d(unit(random), unit(random), 0)) : T_left_board);
-    BoardPair view{std::to_string(i + 1), {}, {}};
-    view.left = projectPoints(head.left(), board.points(), T_left_board.rvec(), T_left_board.translation());
-    view.right = projectPoints(head.right(), board.points(), T_right_board.rvec(), T_right_board.translation());
-    for (auto* corners : {&view.left, &view.right})
-      for (auto& corner : *corners) corner += noise * cv::Point2d(normal(random), normal(random));
-    views.push_back(view);
-  }
-  return views;
-}
-
-const Board kBoard{{9, 6}, 0.008};
 
 std::string refusal(const std::vector<BoardPair>& views) {
   try {
@@ -198,58 +154,6 @@ TEST(StereoCalibration, FindsEveryLens) {
     const cv::Point2d left = rectifyPoints(model.left, {middle}).front();
     EXPECT_LT(std::abs(left.x - middle.x), 60) << "what the middle shows stays near the middle";
   }
-}
-
-/// As the tool says it.
-std::string verdictOf(const std::vector<BoardPair>& views, const Board& board = kBoard) {
-  try {
-    return judgeStereo(calibrateStereo(board, someHead().size, views), std::nullopt).line();
-  } catch (const CalibrationError& fault) {
-    return std::string("verdict: useless: ") + fault.what();
-  }
-}
-
-TEST(StereoVerdict, GoodViewsAreGoodAndOneBadViewAmongThemIsLeftOut) {
-  auto views = someViews(someHead(), kBoard, 14, 0.6, 0.1, 11, 2.5);
-  EXPECT_EQ(verdictOf(views), "verdict: good");
-  for (auto& corner : views[5].right) corner += cv::Point2d(3, 5);
-  EXPECT_EQ(verdictOf(views), "verdict: good");
-}
-
-TEST(StereoVerdict, BoardsThatMovedBetweenTheImagesAreUseless) {
-  EXPECT_THAT(verdictOf(someViews(someHead(), kBoard, 14, 0.6, 0.1, 12, 2.5, 0.002)),
-              testing::AllOf(testing::StartsWith("verdict: useless: "),
-                             testing::HasSubstr("the boards were not taken at the same time")));
-}
-
-TEST(StereoVerdict, FewMiddlingAndParallelViewsSayWhatToAdd) {
-  EXPECT_THAT(verdictOf(someViews(someHead(), kBoard, 7, 0.6, 0.1, 13, 2.5)),
-              testing::AllOf(testing::StartsWith("verdict: doubtful: "), testing::HasSubstr("only 7 views were used")));
-  EXPECT_THAT(verdictOf(someViews(someHead(), kBoard, 14, 0.6, 0.1, 14, 0.2)),
-              testing::AllOf(testing::StartsWith("verdict: doubtful: "),
-                             testing::HasSubstr("take views with the board in every corner")));
-  EXPECT_THAT(verdictOf(someViews(someHead(), kBoard, 14, 0.02, 0.1, 15, 2.5)),
-              testing::AllOf(testing::StartsWith("verdict: useless: "), testing::HasSubstr("too parallel")));
-  EXPECT_THAT(verdictOf(someViews(someHead(), kBoard, 14, 0.6, 4, 16, 2.5)),
-              testing::AllOf(testing::StartsWith("verdict: useless: "),
-                             testing::HasSubstr("rows of views that took no part disagree")));
-}
-
-TEST(StereoVerdict, MirroredSwappedAndWronglyMeasuredBoardsAreNamed) {
-  auto views = someViews(someHead(), kBoard, 14, 0.6, 0.1, 17, 2.5);
-  EXPECT_THAT(verdictOf(views, {{9, 6}, 0.08}), testing::AllOf(testing::StartsWith("verdict: doubtful: "),
-                                                               testing::HasSubstr("metres, not millimetres")));
-  auto swapped = views;
-  for (auto& view : swapped) std::swap(view.left, view.right);
-  EXPECT_THAT(verdictOf(swapped), testing::HasSubstr("verdict: useless: the right camera is at"));
-  for (auto& view : views) {
-    for (auto& corner : view.right) corner.x = someHead().size.width - 1 - corner.x;
-    for (int row = 0; row < kBoard.corners.height; ++row)  // as the search for boards orders them
-      std::reverse(view.right.begin() + row * kBoard.corners.width,
-                   view.right.begin() + (row + 1) * kBoard.corners.width);
-  }
-  EXPECT_THAT(verdictOf(views),
-              testing::AllOf(testing::StartsWith("verdict: useless: "), testing::HasSubstr("mirrored")));
 }
 
 TEST(StereoCalibration, SaysWhereACameraIsThatStandsAboveTheOther) {
