@@ -116,7 +116,9 @@ TEST_P(ConfidenceOfShifts, SaysHowOftenVectorsAreRight) {
     const double said = bin.confidence / vectors, right = static_cast<double>(bin.right) / vectors;
     std::printf("head %u: said %.3f, right %.3f, %.0f vectors\n", GetParam(), said, right, vectors);
     EXPECT_GT(right, said - 0.05);  // measured: 0.03 less at most
-    if (said > 0.95) EXPECT_GT(right, 0.99);
+    if (said > 0.95) {
+      EXPECT_GT(right, 0.99);
+    }
     EXPECT_LT(right, said + 0.25) << "vectors that could be trusted are not";
   }
 }
