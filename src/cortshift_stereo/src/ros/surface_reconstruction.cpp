@@ -21,7 +21,7 @@ std::string text(double value) { return cortshift_flow::formatted("%.4g", value)
 
 std::string text(const ros::Time& stamp) { return cortshift_flow::formatted("%u.%09u", stamp.sec, stamp.nsec); }
 
-constexpr std::size_t kImagesKept = 8;                  // of each side: a surface is made within a few periods
+constexpr std::size_t kImagesKept = 8;                // of each side: a surface is made within a few periods
 constexpr std::chrono::milliseconds kLateInput{200};  // topics do not overtake one another by more
 
 /// Image topics that somebody publishes and this node does not listen to.

@@ -48,8 +48,9 @@ TEST(ClockMap, BeginsAnewWhereTheCamerasClockIsSet) {
         told = said;
         EXPECT_LE(i, 105) << jump;
       }
-      if (i < 100 || i >= 105)
+      if (i < 100 || i >= 105) {
         EXPECT_NEAR(toSeconds(map.toHost(fromSeconds(device))), 5000 + time + 0.020, 0.001) << jump << ", image " << i;
+      }
     }
     EXPECT_EQ(noticed, 1) << jump;
     EXPECT_NEAR(told, jump, 0.001);

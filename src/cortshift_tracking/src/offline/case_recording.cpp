@@ -164,7 +164,8 @@ Findings CaseRecording::judgeClock(const PairPlace& pair) const {
   if (lags.empty()) return found;
   const auto middle = lags.begin() + static_cast<std::ptrdiff_t>(lags.size() / 2);
   std::nth_element(lags.begin(), middle, lags.end());
-  found.add(cortshift_stereo::checkLag("The stamp of the poses on /tf", *middle, ClockLimits::kTransport, "record time"));
+  found.add(
+      cortshift_stereo::checkLag("The stamp of the poses on /tf", *middle, ClockLimits::kTransport, "record time"));
   return found;
 }
 

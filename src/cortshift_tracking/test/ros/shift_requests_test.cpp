@@ -71,7 +71,9 @@ TEST_F(ShiftTrackerNode, FieldHasTheNumbersOfTheTruth) {
     ASSERT_EQ(seen.size(), expected.size()) << topic;
     EXPECT_EQ(cv::norm(seen, expected, cv::NORM_INF), 0) << topic;
     for (const auto& [other, map] : maps)
-      if (other != topic) EXPECT_GT(cv::norm(seen, map, cv::NORM_INF), 50) << topic << " is " << other;
+      if (other != topic) {
+        EXPECT_GT(cv::norm(seen, map, cv::NORM_INF), 50) << topic << " is " << other;
+      }
   }
 }
 

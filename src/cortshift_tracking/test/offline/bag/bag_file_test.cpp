@@ -188,7 +188,9 @@ TEST_P(DamagedBag, NumbersThatCannotBe) {
       ASSERT_NO_THROW(out = read(damaged));
       refused += out.refusal.empty() ? 0 : 1;
       // What is neither refused nor remarked upon has lost nothing.
-      if (out.refusal.empty() && out.remarks == 0) EXPECT_EQ(out.contents, before_.contents);
+      if (out.refusal.empty() && out.remarks == 0) {
+        EXPECT_EQ(out.contents, before_.contents);
+      }
     }
   EXPECT_GT(refused, 100);
 }
