@@ -16,8 +16,8 @@ set(igtl_sources
   src/igtl/wire.cpp)
 add_library(${PROJECT_NAME}_igtl ${igtl_sources})
 target_include_directories(${PROJECT_NAME}_igtl
-  PUBLIC include PRIVATE src SYSTEM PUBLIC ${EIGEN3_INCLUDE_DIRS} PRIVATE ${cortshift_flow_INCLUDE_DIRS} ${OpenIGTLink_INCLUDE_DIRS})
-target_link_libraries(${PROJECT_NAME}_igtl ${OpenIGTLink_LIBRARIES} pthread)
+  PUBLIC include PRIVATE src SYSTEM PUBLIC ${EIGEN3_INCLUDE_DIRS} PRIVATE ${cortshift_flow_INCLUDE_DIRS} ${cortshift_stereo_INCLUDE_DIRS} ${OpenIGTLink_INCLUDE_DIRS})
+target_link_libraries(${PROJECT_NAME}_igtl cortshift_stereo ${OpenIGTLink_LIBRARIES} pthread)
 
 add_library(${PROJECT_NAME}_igtl_ros
   src/ros/bridge/bridge.cpp
@@ -42,9 +42,9 @@ if(CATKIN_ENABLE_TESTING)
 
   # Hostile bytes, once more with every memory access watched.
   cortshift_test(igtl_fuzz_test gmock quick 300 FILES test/igtl/fuzz_test.cpp ${igtl_sources}
-    LIBRARIES ${OpenIGTLink_LIBRARIES} -fsanitize=address,undefined pthread)
+    LIBRARIES cortshift_stereo ${OpenIGTLink_LIBRARIES} -fsanitize=address,undefined pthread)
   target_include_directories(igtl_fuzz_test
-    PRIVATE include src SYSTEM ${EIGEN3_INCLUDE_DIRS} ${cortshift_flow_INCLUDE_DIRS} ${OpenIGTLink_INCLUDE_DIRS})
+    PRIVATE include src SYSTEM ${EIGEN3_INCLUDE_DIRS} ${cortshift_flow_INCLUDE_DIRS} ${cortshift_stereo_INCLUDE_DIRS} ${OpenIGTLink_INCLUDE_DIRS})
   target_compile_options(igtl_fuzz_test PRIVATE -fsanitize=address,undefined -fno-sanitize-recover=all)
 
   foreach(test field tools peers)

@@ -10,14 +10,14 @@ target_link_libraries(record_parts ${PROJECT_NAME}_recording)
 install(TARGETS ${PROJECT_NAME}_recording record_parts
   LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION} RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 
-catkin_install_python(PROGRAMS scripts/case_recorder scripts/console scripts/preflight
+catkin_install_python(PROGRAMS scripts/case_recorder scripts/console scripts/play_case scripts/preflight
   DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   cortshift_test(recording_test gmock quick 60 FILES test/ros/recording/recording_test.cpp LIBRARIES ${PROJECT_NAME}_recording)
-  foreach(test console/console graph/pose_discipline theatre/recorder graph/tracker_faults)
+  foreach(test console/console graph/pose_discipline theatre/launched theatre/recorder graph/tracker_faults)
     get_filename_component(name ${test}_test NAME)
-    cortshift_test(${name} rostest graph 900 FILES test/${test}.test DEPENDS shift_tracker field_error record_parts)
+    cortshift_test(${name} rostest graph 900 FILES test/${test}.test DEPENDS shift_tracker field_error record_parts igtl_bridge)
   endforeach()
   cortshift_test(preflight_test pytest quick 300 FILES test/theatre/preflight_test.py)
   cortshift_test(console_state_test pytest quick 300 FILES test/console/console_state_test.py)

@@ -4,7 +4,7 @@ catkin_install_python(PROGRAMS scripts/case_report scripts/digital_phantom scrip
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   cortshift_test(mr_admission_test pytest quick 300 FILES test/mr/admission_test.py)
-  foreach(test mr/mr mr/dicom mr/cross_section probe/probe report/validation report/left_out report/report)
+  foreach(test texts mr/mr mr/dicom mr/cross_section probe/probe report/validation report/left_out report/report)
     get_filename_component(name ${test}_test NAME)
     cortshift_test(${name} pytest quick 300 FILES test/${test}_test.py)
   endforeach()

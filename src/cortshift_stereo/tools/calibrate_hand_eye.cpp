@@ -3,6 +3,7 @@
 #include <filesystem>
 
 #include "cortshift_stereo/calibration/camera_info_yaml.hpp"
+#include "cortshift_stereo/calibration/hand_eye/hand_eye_verdict.hpp"
 #include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
 #include "cortshift_stereo/calibration/hand_eye/pose_table.hpp"
 #include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
@@ -31,8 +32,10 @@ Find the pose of the left camera in the microscope's tracked body from images of
                  the tracker's accuracy per axis [m], [rad]
 
 Take 30 to 40 views with the microscope tilted by up to 30 degrees in all directions and turned about its axis.
-With a tracker of 0.25 mm and 0.1 degrees the camera's place is then known to about 0.15 mm.
-Exit: 0 done, 1 failed, 2 bad usage.
+With a tracker of 0.25 mm and 0.1 degrees the camera's place is then known to about 0.15 mm. The lens is the one that the
+camera's file names. The last line is the verdict: good, doubtful or useless, and what to do. A useless calibration is not
+written.
+Exit: 0 done, 1 failed or useless, 2 bad usage.
 )";
 
 void run(const Options& options) {
@@ -73,10 +76,16 @@ void run(const Options& options) {
     throw CalibrationError(report.images + ": no " + report.board.name() + " board in any of the " +
                            std::to_string(poses.size()) +
                            " images; count its inner corners (where four squares meet), not its squares");
-  report.calibration = calibrateHandEye(left, report.board, views, report.settings);
+  try {
+    report.calibration = calibrateHandEye(left, report.board, views, report.settings);
+  } catch (const CalibrationError& fault) {
+    throw CalibrationError(std::string("verdict: useless: ") + fault.what());
+  }
   auto& rejected = report.calibration.rejected;
   rejected.insert(rejected.begin(), without_board.begin(), without_board.end());
-  writeHandEyeYaml(output, report);
+  report.verdict = judgeHandEye(report.calibration);
+  const bool useless = report.verdict.grade() == Grade::kUseless;
+  if (!useless) writeHandEyeYaml(output, report);
 
   const auto& calibration = report.calibration;
   for (const auto& view : rejected) std::printf("view %s left out: %s\n", view.name.c_str(), view.reason.c_str());
@@ -87,8 +96,10 @@ void run(const Options& options) {
               calibration.residuals.size(), calibration.rotation_diversity[0] / kDegree,
               calibration.rotation_diversity[1] / kDegree, calibration.rotation_diversity[2] / kDegree,
               calibration.reprojection_rms);
-  std::printf("standard deviation %.3f mm, %.4f deg\nwrote %s\n", cv::norm(calibration.position_sd) / kMillimetre,
-              cv::norm(calibration.rotation_sd) / kDegree, output.c_str());
+  std::printf("standard deviation %.3f mm, %.4f deg\n%s%s\n%s\n", cv::norm(calibration.position_sd) / kMillimetre,
+              cv::norm(calibration.rotation_sd) / kDegree, useless ? "did not write " : "wrote ", output.c_str(),
+              report.verdict.line().c_str());
+  if (useless) throw CalibrationError("the calibration is useless");
 }
 
 }  // namespace

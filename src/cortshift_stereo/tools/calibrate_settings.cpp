@@ -3,6 +3,7 @@
 
 #include "cortshift_stereo/calibration/settings/setting_views.hpp"
 #include "cortshift_stereo/calibration/settings/settings_report.hpp"
+#include "cortshift_stereo/calibration/settings/settings_verdict.hpp"
 #include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
 #include "cortshift_stereo/command_line.hpp"
 
@@ -31,7 +32,9 @@ Put the board at the working distance and let neither it nor the microscope move
 of settings, at least 3 of one of the two, better 4 or 5 of each. All of a board must be in view; list a small board for
 high and a large one for low magnification to cover the whole image. Only settings within the grid can be used later,
 and only the part of the reference image that the boards covered.
-Exit: 0 done, 1 failed, 2 bad usage.
+The fields are of the images themselves, whatever the lens. The last line is the verdict: good, doubtful or useless, and what
+to do. Of a useless calibration only the report is written.
+Exit: 0 done, 1 failed or useless, 2 bad usage.
 )";
 
 void print(const char* side, const SettingsCalibration& calibration) {
@@ -49,7 +52,7 @@ SettingsCalibration calibrateSide(const std::string& side, const SettingViews& f
   try {
     return calibrateSettings(found.size, manifest.reference, views);
   } catch (const CalibrationError& fault) {
-    std::string message = side + " camera: " + fault.what();
+    std::string message = "verdict: useless: " + side + " camera: " + fault.what();
     for (const auto& view : found.rejected) message += "\n  " + view.name + ": " + view.reason;
     throw CalibrationError(message);
   }
@@ -62,11 +65,15 @@ void run(const Options& options) {
   const SettingViews found = findSettingViews(manifest, progressBar("finding boards"));
   const auto left = calibrateSide("left", found, manifest, found.left);
   const auto right = calibrateSide("right", found, manifest, found.right);
-  writeSettingsCalibration(output, dateNow(), left, right, found.rejected);
+  const CalibrationVerdict verdict = judgeSettings(left, right, found.rejected.size());
+  writeSettingsCalibration(output, dateNow(), left, right, found.rejected, verdict);
   for (const auto& view : found.rejected) std::printf("%s left out: %s\n", view.name.c_str(), view.reason.c_str());
   print("left", left);
   print("right", right);
-  std::printf("wrote settings_left.yaml, settings_right.yaml and settings_report.yaml to %s\n", output.c_str());
+  const bool useless = verdict.grade() == Grade::kUseless;
+  std::printf("wrote %ssettings_report.yaml to %s\n%s\n", useless ? "" : "settings_left.yaml, settings_right.yaml and ",
+              output.c_str(), verdict.line().c_str());
+  if (useless) throw CalibrationError("the calibration is useless");
 }
 
 }  // namespace

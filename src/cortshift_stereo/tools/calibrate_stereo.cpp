@@ -4,13 +4,16 @@
 
 #include "cortshift_stereo/calibration/board_images.hpp"
 #include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
+#include "cortshift_stereo/calibration/stereo/stereo_verdict.hpp"
 #include "cortshift_stereo/command_line.hpp"
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {
 
 const char* const kHelp =
     R"(calibrate_stereo --images DIR --board 9x6 --square 0.025 --output DIR [--views all|even|odd|NN,NN,...]
+                 [--model plumb_bob|rational_polynomial|equidistant]
 
 Calibrate the two cameras of the microscope from chessboard pairs.
 
@@ -21,8 +24,11 @@ Calibrate the two cameras of the microscope from chessboard pairs.
   --views WHICH  calibrate on these views and check on the others: all (default), every second one in the order
                  of their numbers (odd: 1st, 3rd, ...; even: 2nd, 4th, ...), or numbers as in the file names
 
-The distortion model is chosen by cross-validation; the report shows all candidates, k1 alone among them.
-Exit: 0 done, 1 failed, 2 bad usage.
+  --model LENS   plumb_bob (default), rational_polynomial for strong distortion, equidistant for fisheyes
+
+How many terms of the lens are used is chosen by cross-validation; the report shows all candidates, k1 alone among them.
+The last line is the verdict: good, doubtful or useless, and what to do. Of a useless calibration only report.yaml is written.
+Exit: 0 done, 1 failed or useless, 2 bad usage.
 )";
 
 /// Split the pairs into those to calibrate on (first) and those to check on.
@@ -49,7 +55,9 @@ void printErrors(const char* label, const SetErrors& errors) {
 
 void run(const Options& options) {
   Board board;
+  LensModel lens = LensModel::kPlumbBob;
   try {
+    lens = lensNamed(options.find("model").value_or(nameOf(lens)), "--model");
     board = Board::parse(options.required("board"), options.requiredNumber("square"));
   } catch (const CalibrationError& fault) {
     throw UsageError(fault.what());
@@ -62,10 +70,15 @@ void run(const Options& options) {
   const BoardImages found = findBoards(report.images, board, progressBar("finding boards"));
   const auto [fit, check] = select(found.pairs, options.find("views").value_or("all"));
 
-  report.calibration = calibrateStereo(board, found.size, fit, progressBar("calibrating"));
+  try {
+    report.calibration = calibrateStereo(board, found.size, fit, progressBar("calibrating"), lens);
+  } catch (const CalibrationError& fault) {
+    throw CalibrationError(std::string("verdict: useless: ") + fault.what());
+  }
   auto& rejected = report.calibration.rejected;
   rejected.insert(rejected.begin(), found.rejected.begin(), found.rejected.end());
   if (!check.empty()) report.checks = checkPairs(report.calibration.parameters, board, check);
+  report.verdict = judgeStereo(report.calibration, report.checks);
   writeStereoCalibration(output, report);
 
   for (const auto& view : rejected) std::printf("view %s left out: %s\n", view.name.c_str(), view.reason.c_str());
@@ -74,7 +87,10 @@ void run(const Options& options) {
   std::printf("distortion model: %s\n", report.calibration.model.c_str());
   printErrors("fitted", report.calibration.used);
   if (report.checks) printErrors("checked", *report.checks);
-  std::printf("wrote left.yaml, right.yaml and report.yaml to %s\n", output.c_str());
+  const bool useless = report.verdict.grade() == Grade::kUseless;
+  std::printf("wrote %sreport.yaml to %s\n%s\n", useless ? "" : "left.yaml, right.yaml and ", output.c_str(),
+              report.verdict.line().c_str());
+  if (useless) throw CalibrationError("the calibration is useless");
 }
 
 }  // namespace
@@ -82,5 +98,5 @@ void run(const Options& options) {
 
 int main(int argc, char** argv) {
   using namespace cortshift_stereo;
-  return runTool(argc, argv, kHelp, {"images", "board", "square", "output", "views"}, run);
+  return runTool(argc, argv, kHelp, {"images", "board", "square", "output", "views", "model"}, run);
 }

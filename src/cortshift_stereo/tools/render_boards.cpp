@@ -72,8 +72,7 @@ class BoardSession {
       const auto& camera = side == Side::kLeft ? head.model.left : head.model.right;
       const auto& T_head_camera = side == Side::kLeft ? head.T_head_left : head.T_head_right;
       const std::string path = folder_ + "/" + name + (side == Side::kLeft ? "_left.png" : "_right.png");
-      if (!cv::imwrite(path, renderBoard(camera.size, camera.K, camera.D,
-                                         affineOf(T_head_camera.inverse() * T_head_board), board)))
+      if (!cv::imwrite(path, renderBoard(camera, affineOf(T_head_camera.inverse() * T_head_board), board)))
         throw std::runtime_error("cannot write " + path);
     }
     return "left: " + name + "_left.png, right: " + name + "_right.png";

@@ -11,7 +11,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[3]
 BUILD = pathlib.Path(os.environ.get('CORTSHIFT_BUILD', ROOT / 'build'))
 
 STEREO_CORE = {'stereo', 'stereo/geometry', 'stereo/calibration', 'stereo/rectification', 'stereo/matching', 'stereo/refinement',
-               'stereo/averaging', 'stereo/admission'}
+               'stereo/averaging', 'stereo/admission', 'stereo/images'}
 TRACKING_CORE = {'tracking', 'tracking/projection', 'tracking/matching', 'tracking/field', 'tracking/surround', 'tracking/trust'}
 
 # Room (package/folder) to the rooms that its files may include, besides their own. A package without a folder stands for the
@@ -26,7 +26,8 @@ ROOMS = {
     'flow/phantom': set(),
     'stereo': STEREO_CORE | {'flow'},
     'stereo/geometry': {'stereo'},
-    'stereo/calibration': {'stereo', 'stereo/geometry', 'flow'},
+    'stereo/images': set(),
+    'stereo/calibration': {'stereo', 'stereo/geometry', 'stereo/images', 'flow'},
     'stereo/rectification': {'stereo', 'stereo/geometry', 'stereo/calibration', 'stereo/admission'},
     'stereo/matching': {'stereo', 'stereo/geometry', 'stereo/rectification'},
     'stereo/refinement': {'stereo', 'stereo/geometry', 'stereo/rectification', 'flow'},
@@ -43,7 +44,7 @@ ROOMS = {
     'tracking/field': TRACKING_CORE | {'tracking/case', 'stereo', 'stereo/geometry', 'flow'},   # of case the names of stages alone
     'tracking/surround': TRACKING_CORE | {'stereo', 'stereo/geometry', 'flow'},
     'tracking/case': TRACKING_CORE | STEREO_CORE | {'stereo/ros'},
-    'tracking/igtl': {'tracking', 'flow', 'tracking/case'},   # of case what a key is and files that last
+    'tracking/igtl': {'tracking', 'flow', 'stereo', 'tracking/case'},   # of case what a key is alone
     'tracking/model': TRACKING_CORE | STEREO_CORE | {'flow'},
     'tracking/phantom': TRACKING_CORE | STEREO_CORE | {'stereo/phantom', 'flow/phantom'},
     'tracking/ros': TRACKING_CORE | STEREO_CORE | {'stereo/ros', 'tracking/case', 'tracking/igtl', 'tracking/model', 'flow'},

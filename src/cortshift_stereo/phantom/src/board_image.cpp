@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/calib3d.hpp>
+#include <vector>
+
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo_phantom {
 namespace {
@@ -16,17 +18,18 @@ double softCell(double x, double blur) {
 
 }  // namespace
 
-cv::Mat renderBoard(const cv::Size& size, const cv::Matx33d& K, const std::vector<double>& D,
-                    const cv::Affine3d& T_camera_board, const cortshift_stereo::Board& board) {
-  std::vector<cv::Point2d> pixels, rays;
+cv::Mat renderBoard(const cortshift_stereo::CameraModel& camera, const cv::Affine3d& T_camera_board,
+                    const cortshift_stereo::Board& board) {
+  const cv::Size size = camera.size;
+  std::vector<cv::Point2d> pixels;
   for (int y = 0; y < size.height; ++y)
     for (int x = 0; x < size.width; ++x) pixels.emplace_back(x, y);
-  cv::undistortPoints(pixels, rays, K, D);
+  const std::vector<cv::Point2d> rays = directionsOf(camera, pixels);
   const cv::Matx33d R = T_camera_board.rotation();
   const cv::Vec3d t = T_camera_board.translation();
   const cv::Matx33d to_board =
       cv::Matx33d(R(0, 0), R(0, 1), t[0], R(1, 0), R(1, 1), t[1], R(2, 0), R(2, 1), t[2]).inv();
-  const double blur = 0.8 * t[2] / K(0, 0) / board.square;  // 0.8 px in squares
+  const double blur = 0.8 * t[2] / camera.K(0, 0) / board.square;  // 0.8 px in squares
   cv::Mat image(size, CV_8UC1);
   for (int i = 0; i < size.area(); ++i) {
     const cv::Vec3d on_board = to_board * cv::Vec3d(rays[i].x, rays[i].y, 1);

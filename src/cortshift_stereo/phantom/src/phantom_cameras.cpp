@@ -1,27 +1,79 @@
 #include "cortshift_stereo_phantom/phantom_cameras.hpp"
 
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
 #include <cmath>
+
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo_phantom {
 namespace {
 
-/// plumb_bob: distorted coordinates and their derivatives with respect to the undistorted ones.
-Eigen::Vector2d distort(const std::array<double, 5>& D, const Eigen::Vector2d& p, Eigen::Matrix2d* derivative) {
-  const auto [k1, k2, p1, p2, k3] = D;
-  const double x = p.x(), y = p.y(), r2 = x * x + y * y;
-  const double radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
-  const double slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3));  // d radial / dx = slope * x
-  if (derivative != nullptr)
-    *derivative << radial + slope * x * x + 2 * p1 * y + 6 * p2 * x, slope * x * y + 2 * p1 * x + 2 * p2 * y,
-        slope * x * y + 2 * p1 * x + 2 * p2 * y, radial + slope * y * y + 6 * p1 * y + 2 * p2 * x;
-  return {x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y};
+// The lens models by their formulas, with derivatives, so that their inverse is exact: the truth owes nothing to the
+// code that it judges.
+
+using cortshift_stereo::LensModel;
+
+/// The factor on x and y at the squared radius r2, and its derivative by r2.
+struct Radial {
+  double factor, slope;
+};
+
+/// 1 + a r2 + b r2^2 + c r2^3
+Radial cubic(double a, double b, double c, double r2) {
+  return {1 + r2 * (a + r2 * (b + r2 * c)), a + r2 * (2 * b + r2 * 3 * c)};
 }
 
-Eigen::Vector2d undistort(const std::array<double, 5>& D, const Eigen::Vector2d& distorted) {
-  Eigen::Vector2d p = distorted;
+Radial equidistantRadial(const std::array<double, 8>& k, double r2) {
+  constexpr double kParaxial = 1e-8;
+  if (r2 < kParaxial) return {1 + (k[0] - 1.0 / 3) * r2, k[0] - 1.0 / 3};
+  const double r = std::sqrt(r2), angle = std::atan(r), a2 = angle * angle;
+  const double seen = angle * (1 + a2 * (k[0] + a2 * (k[1] + a2 * (k[2] + a2 * k[3]))));
+  const double growth = 1 + a2 * (3 * k[0] + a2 * (5 * k[1] + a2 * (7 * k[2] + a2 * 9 * k[3])));
+  return {seen / r, (growth / (1 + r2) - seen / r) / (2 * r2)};
+}
+
+Radial radialOf(LensModel lens, const std::array<double, 8>& k, double r2) {
+  if (lens == LensModel::kEquidistant) return equidistantRadial(k, r2);
+  const Radial above = cubic(k[0], k[1], k[4], r2), below = cubic(k[5], k[6], k[7], r2);
+  return {above.factor / below.factor,
+          (above.slope * below.factor - above.factor * below.slope) / (below.factor * below.factor)};
+}
+
+/// Distorted coordinates and their derivatives by the undistorted ones.
+Eigen::Vector2d distortBy(LensModel lens, const std::array<double, 8>& k, const Eigen::Vector2d& p,
+                          Eigen::Matrix2d* derivative) {
+  const double x = p.x(), y = p.y(), r2 = x * x + y * y;
+  const auto [factor, slope] = radialOf(lens, k, r2);
+  const bool tangential = lens != LensModel::kEquidistant;
+  const double p1 = tangential ? k[2] : 0, p2 = tangential ? k[3] : 0;
+  if (derivative != nullptr) {
+    const double cross = 2 * slope * x * y + 2 * p1 * x + 2 * p2 * y;
+    *derivative << factor + 2 * slope * x * x + 2 * p1 * y + 6 * p2 * x, cross, cross,
+        factor + 2 * slope * y * y + 6 * p1 * y + 2 * p2 * x;
+  }
+  return {x * factor + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * factor + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y};
+}
+
+std::array<double, 8> eight(const std::vector<double>& D) {
+  std::array<double, 8> k{};
+  std::copy(D.begin(), D.end(), k.begin());
+  return k;
+}
+
+/// Where a direction (x, y, 1) is seen in the plane z = 1 behind the lens.
+Eigen::Vector2d distort(LensModel lens, const std::vector<double>& D, const Eigen::Vector2d& direction) {
+  return distortBy(lens, eight(D), direction, nullptr);
+}
+
+/// The direction that is seen there, to 1e-15.
+Eigen::Vector2d undistort(LensModel lens, const std::vector<double>& D, const Eigen::Vector2d& seen) {
+  const std::array<double, 8> k = eight(D);
+  Eigen::Vector2d p = seen;
   for (int i = 0; i < 20; ++i) {
     Eigen::Matrix2d derivative;
-    const Eigen::Vector2d error = distort(D, p, &derivative) - distorted;
+    const Eigen::Vector2d error = distortBy(lens, k, p, &derivative) - seen;
     p -= derivative.inverse() * error;
     if (error.squaredNorm() < 1e-30) break;
   }
@@ -45,13 +97,14 @@ Eigen::Matrix3d rotationVector(const Eigen::Vector3d& v) {
 }
 
 cortshift_stereo::CameraModel rawCamera(const CameraSettings& settings, double focal, const Eigen::Vector2d& offset,
-                                        const std::array<double, 5>& distortion) {
+                                        const std::vector<double>& distortion) {
   cortshift_stereo::CameraModel camera;
   camera.size = settings.size;
   camera.K = {focal, 0,     0.5 * (settings.size.width - 1) + offset.x(),
               0,     focal, 0.5 * (settings.size.height - 1) + offset.y(),
               0,     0,     1};
-  camera.D.assign(distortion.begin(), distortion.end());
+  camera.lens = settings.lens;
+  camera.D = cortshift_stereo::checkedCoefficients(camera.lens, distortion, "cameras: distortion");
   return camera;
 }
 
@@ -67,22 +120,20 @@ View placedView(const cortshift_stereo::CameraModel& camera, const LightSettings
 Eigen::Vector2d rectifiedMiddle(const cortshift_stereo::CameraModel& camera) {
   const Eigen::Vector2d middle((0.5 * (camera.size.width - 1) - camera.K(0, 2)) / camera.K(0, 0),
                                (0.5 * (camera.size.height - 1) - camera.K(1, 2)) / camera.K(1, 1));
-  std::array<double, 5> D{};
-  std::copy(camera.D.begin(), camera.D.end(), D.begin());
-  const Eigen::Vector3d ray = toEigen(camera.R) * undistort(D, middle).homogeneous();
+  const Eigen::Vector3d ray = toEigen(camera.R) * undistort(camera.lens, camera.D, middle).homogeneous();
   return ray.hnormalized();
 }
 
 }  // namespace
 
 Eigen::Vector2d View::direction(double u, double v) const {
-  return undistort(D, {(u - K(0, 2)) / K(0, 0), (v - K(1, 2)) / K(1, 1)});
+  return undistort(lens, D, {(u - K(0, 2)) / K(0, 0), (v - K(1, 2)) / K(1, 1)});
 }
 
 std::optional<Eigen::Vector2d> View::project(const Eigen::Vector3d& point_pmr) const {
   const Eigen::Vector3d p = T_pmr_camera.inverse() * point_pmr;
   if (p.z() <= 0) return std::nullopt;
-  const Eigen::Vector2d d = distort(D, p.hnormalized(), nullptr);
+  const Eigen::Vector2d d = distort(lens, D, p.hnormalized());
   return Eigen::Vector2d(K(0, 0) * d.x() + K(0, 2), K(1, 1) * d.y() + K(1, 2));
 }
 
@@ -156,7 +207,8 @@ View rawView(const StereoHead& head, const LightSettings& light, Side side, cons
   const auto& camera = side == Side::kLeft ? head.model.left : head.model.right;
   View view = placedView(camera, light, T_pmr_head);
   view.K = camera.K;
-  std::copy(camera.D.begin(), camera.D.end(), view.D.begin());
+  view.lens = camera.lens;
+  view.D = camera.D;
   view.T_pmr_camera = T_pmr_head * (side == Side::kLeft ? head.T_head_left : head.T_head_right);
   return view;
 }

@@ -7,6 +7,7 @@
 
 #include "cortshift_flow/range.hpp"
 #include "cortshift_flow/text.hpp"
+#include "cortshift_stereo/geometry/lens.hpp"
 #include "strict_yaml.hpp"
 
 namespace cortshift_stereo_phantom {
@@ -36,16 +37,23 @@ void checkHead(const HeadSettings& head) {
   check("head.bevel_width", head.bevel_width, 0.0005, 0.02);
 }
 
+void checkDistortion(const std::string& key, cortshift_stereo::LensModel lens, const std::vector<double>& values) {
+  check(key, Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size())), -2, 2);
+  try {
+    cortshift_stereo::checkedCoefficients(lens, values, key);
+  } catch (const cortshift_stereo::CalibrationError& error) {
+    throw PhantomCaseError(error.what());
+  }
+}
+
 void checkCameras(const CameraSettings& cameras) {
   check("cameras.size[0]", cameras.size.width, 64, 8192);
   check("cameras.size[1]", cameras.size.height, 48, 8192);
   check("cameras.working_distance", cameras.working_distance, 0.1, 1.0);
   check("cameras.field_of_view", cameras.field_of_view, 0.01, 0.3);
   check("cameras.baseline", cameras.baseline, 0.005, 0.2);
-  for (std::size_t i = 0; i < 5; ++i) {
-    check("cameras.left_distortion[" + std::to_string(i) + "]", cameras.left_distortion[i], -2, 2);
-    check("cameras.right_distortion[" + std::to_string(i) + "]", cameras.right_distortion[i], -2, 2);
-  }
+  checkDistortion("cameras.left_distortion", cameras.lens, cameras.left_distortion);
+  checkDistortion("cameras.right_distortion", cameras.lens, cameras.right_distortion);
   check("cameras.left_principal_offset", cameras.left_principal_offset, -200, 200);
   check("cameras.right_principal_offset", cameras.right_principal_offset, -200, 200);
   check("cameras.right_focal_ratio", cameras.right_focal_ratio, 0.9, 1.1);
@@ -146,6 +154,13 @@ void readCameras(StrictMap& map, CameraSettings& cameras) {
   map.get("working_distance", cameras.working_distance);
   map.get("field_of_view", cameras.field_of_view);
   map.get("baseline", cameras.baseline);
+  std::string lens = cortshift_stereo::nameOf(cameras.lens);
+  map.get("lens", lens);
+  try {
+    cameras.lens = cortshift_stereo::lensNamed(lens, map.path() + ".lens");
+  } catch (const cortshift_stereo::CalibrationError& error) {
+    throw PhantomCaseError(error.what());
+  }
   map.get("left_distortion", cameras.left_distortion);
   map.get("right_distortion", cameras.right_distortion);
   map.get("left_principal_offset", cameras.left_principal_offset);

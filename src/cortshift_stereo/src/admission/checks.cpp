@@ -24,6 +24,9 @@ Check checkOf(CheckId id) {
     case CheckId::kImageMessage:
       return {"image", "an image message", "decodable, of an encoding that is understood; else refused", "",
               kPairDoors};
+    case CheckId::kBitDepth:
+      return {"bit_depth", "bits used in images of 16 bits, over both cameras and the case",
+              "10 to 16, alike in both cameras, or as declared; else refused", "image_bits", kPairDoors};
     case CheckId::kImageSize:
       return {"image_size", "size of the image", "that of its calibration; else refused", "", kPairDoors};
     case CheckId::kBlank:
@@ -121,6 +124,10 @@ Check checkOf(CheckId id) {
       return {"epoch", "patient registration, camera_info, hand-eye and stereo edge of two stages",
               "the same; else compute_shift refuses and compute_shift_across_epochs warns", "",
               "shift_tracker, process_bag, recompute"};
+    case CheckId::kOtherPair:
+      return {"other_pair", "exposure of the captured pair against the time that was asked for",
+              "not later by more than max_surface_age; else warned of", "max_surface_age",
+              "shift_tracker, process_bag"};
     case CheckId::kNotUnderstood:
       return {"not_understood", "topics of a recording", "listed where nothing that is understood was heard", "",
               "process_bag, validate_bag"};

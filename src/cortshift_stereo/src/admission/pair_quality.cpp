@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 #include <vector>
 
 #include "cortshift_flow/text.hpp"
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -32,12 +32,6 @@ cv::Point2f rawPosition(const cv::Mat& map, const cv::Point2f& rectified) {
   const auto at = [&](int dx, int dy) { return map.at<cv::Vec2f>(y + dy, x + dx); };
   const cv::Vec2f raw = (1 - v) * ((1 - u) * at(0, 0) + u * at(1, 0)) + v * ((1 - u) * at(0, 1) + u * at(1, 1));
   return {raw[0], raw[1]};
-}
-
-std::vector<cv::Point2f> rectifyPoints(const std::vector<cv::Point2f>& raw, const CameraModel& camera) {
-  std::vector<cv::Point2f> rectified;
-  cv::undistortPoints(raw, rectified, camera.K, camera.D, camera.R, camera.P);
-  return rectified;
 }
 
 }  // namespace
@@ -152,7 +146,7 @@ EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Ma
   cv::calcOpticalFlowPyrLK(left, right, from, found, status, error, {15, 15}, 2,
                            cv::TermCriteria(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 15, 0.02),
                            cv::OPTFLOW_USE_INITIAL_FLOW);
-  std::vector<cv::Point2f> left_raw, right_raw;
+  std::vector<cv::Point2d> left_raw, right_raw;
   std::vector<double> signed_gaps, gaps;
   const cv::Rect2f inside(0, 0, static_cast<float>(left.cols - 1), static_cast<float>(left.rows - 1));
   for (std::size_t i = 0; i < from.size(); ++i) {
@@ -166,8 +160,8 @@ EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Ma
   if (gaps.empty()) return residual;
   residual.offset = median(signed_gaps);
   residual.spread = median(gaps);
-  const std::vector<cv::Point2f> left_as_right = rectifyPoints(left_raw, rectifier.model().right);
-  const std::vector<cv::Point2f> right_as_left = rectifyPoints(right_raw, rectifier.model().left);
+  const std::vector<cv::Point2d> left_as_right = rectifyPoints(rectifier.model().right, left_raw);
+  const std::vector<cv::Point2d> right_as_left = rectifyPoints(rectifier.model().left, right_raw);
   for (std::size_t i = 0; i < gaps.size(); ++i) gaps[i] = std::abs(left_as_right[i].y - right_as_left[i].y);
   residual.spread_if_swapped = median(gaps);
   return residual;

@@ -60,6 +60,17 @@ Findings checkLag(const std::string& thing, double lag, double most, const std::
   return found;
 }
 
+Findings checkWait(double late, double most) {
+  Findings found;
+  if (late <= most) return found;
+  char text[120];
+  std::snprintf(text, sizeof text, "was exposed %.1f s after the time that was asked for (expected: within %.1f s)",
+                late, most);
+  found.warn(CheckId::kOtherPair, "The captured pair", text,
+             "see why the pairs before it gave no surface, and whether this one still shows the stage that is meant");
+  return found;
+}
+
 Findings checkStamp(int64_t stamp_ns) {
   Findings found;
   if (stamp_ns == 0)

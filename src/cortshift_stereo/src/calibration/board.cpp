@@ -5,9 +5,11 @@
 #include <filesystem>
 #include <limits>
 #include <opencv2/calib3d.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <regex>
+
+#include "cortshift_stereo/geometry/lens.hpp"
+#include "cortshift_stereo/images/bit_depth.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -114,9 +116,14 @@ bool Board::looksTheSameUpsideDown() const { return (corners.width + corners.hei
 cv::Mat readGreyImage(const std::string& path) {
   if (!std::filesystem::is_regular_file(path))
     throw CalibrationError(path + ": no such image; correct the name or take the view out");
-  cv::Mat image = cv::imread(path, cv::IMREAD_GRAYSCALE);
-  if (image.empty()) throw CalibrationError(path + ": not readable as an image; replace it or take the view out");
-  return image;
+  try {
+    cv::Mat image = readImageFile(path), grey;
+    BitDepth().toEightBits(image);
+    cv::cvtColor(bgrOf(image), grey, cv::COLOR_BGR2GRAY);
+    return grey;
+  } catch (const ImageError& error) {
+    throw CalibrationError(error.what());
+  }
 }
 
 std::optional<Corners> findBoard(const cv::Mat& image, const Board& board) {
@@ -135,6 +142,19 @@ std::optional<Corners> findBoard(const cv::Mat& image, const Board& board) {
   for (std::size_t i = 0; i < corners.size(); ++i)
     if (!(cv::norm(corners[i] - start[i]) <= half_window)) return std::nullopt;  // ran off to something else
   return Corners(corners.begin(), corners.end());
+}
+
+std::optional<cv::Affine3d> locateBoard(const CameraModel& camera, const std::vector<cv::Point3d>& board,
+                                        const Corners& corners) {
+  // In pixels of the same camera without its lens: OpenCV's solver knows no fisheye.
+  Corners straight = directionsOf(camera, corners);
+  for (auto& at : straight) {
+    const cv::Vec3d pixel = camera.K * cv::Vec3d(at.x, at.y, 1);
+    at = {pixel[0], pixel[1]};
+  }
+  cv::Vec3d turn, shift;
+  if (!cv::solvePnP(board, straight, camera.K, cv::noArray(), turn, shift)) return std::nullopt;
+  return cv::Affine3d(turn, shift);
 }
 
 Corners upsideDown(const Corners& corners) { return {corners.rbegin(), corners.rend()}; }

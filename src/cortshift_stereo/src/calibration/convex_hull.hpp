@@ -1,4 +1,6 @@
-// Convex outlines in double precision, also of points on a line.
+// Convex outlines in double precision, also of points on a line. boost::geometry's (1.74) repeats corners there, which
+// would have to be taken out again, and compiles in 5.4 s instead of 2.1 s, with a note of a deprecated header each
+// time.
 #pragma once
 
 #include <opencv2/core.hpp>

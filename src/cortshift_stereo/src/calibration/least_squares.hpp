@@ -1,4 +1,7 @@
 // Levenberg-Marquardt for problems made of views: a few parameters that all views share and a few of each view's own.
+// Eigen's unsupported one does not know which residuals a parameter moves: its central differences for 20 views of a
+// hand-eye calibration (132 parameters) ask for 5280 views a step, these for 720. Ceres knows, for 26 Debian packages
+// more.
 #pragma once
 
 #include <Eigen/Core>

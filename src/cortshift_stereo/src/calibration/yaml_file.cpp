@@ -4,8 +4,9 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <sstream>
+
+#include "cortshift_stereo/durable_file.hpp"
 
 namespace cortshift_stereo {
 
@@ -70,17 +71,10 @@ void makeFolder(const std::string& path) {
   if (fault) throw CalibrationError(path + ": cannot be made (" + fault.message() + "); give another folder");
 }
 
-void writeTextFile(const std::string& path, const std::string& text) {
-  const std::string draft = path + ".part";
-  {
-    std::ofstream file(draft, std::ios::binary | std::ios::trunc);
-    file << text;
-    file.flush();
-    if (!file) throw CalibrationError(path + ": cannot be written; check that the folder exists and has space");
-  }
-  std::error_code fault;
-  std::filesystem::rename(draft, path, fault);
-  if (fault) throw CalibrationError(path + ": cannot be written (" + fault.message() + ")");
+void writeTextFile(const std::string& path, const std::string& text) try {
+  replaceDurably(path, text.data(), text.size());
+} catch (const FileError& error) {
+  throw CalibrationError(error.what());
 }
 
 }  // namespace cortshift_stereo

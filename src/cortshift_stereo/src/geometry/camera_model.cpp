@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "cortshift_stereo/geometry/lens.hpp"
+
 namespace cortshift_stereo {
 namespace {
 
@@ -21,6 +23,7 @@ void validateCamera(const CameraModel& camera, const std::string& side) {
                            ", det = " + std::to_string(cv::determinant(camera.R)) + "); calibrate again");
   for (const double d : camera.D)
     if (!std::isfinite(d)) throw CalibrationError(side + " camera_info: D is not finite; calibrate again");
+  checkedCoefficients(camera.lens, camera.D, side + " camera_info: D");
   for (const double c : {camera.K(0, 2), camera.K(1, 2), camera.P(0, 2), camera.P(1, 2)})
     if (!std::isfinite(c))
       throw CalibrationError(side + " camera_info: a principal point in K or P is not finite; calibrate again");

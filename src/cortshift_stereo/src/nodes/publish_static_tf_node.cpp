@@ -10,9 +10,9 @@ namespace {
 constexpr const char* kUsage =
     R"(Publish the static transforms of a YAML file, for bags that lack /tf_static.
 
-    publish_static_tf FILE
+    publish_static_tf [FILE]
 
-FILE is a list; each entry says the pose of `child` in `parent`:
+Without FILE the private parameter `file` names it, as in launch files, whose arguments are split at blanks. FILE is a list; each entry says the pose of `child` in `parent`:
 
     - {parent: pmr, child: reference, translation: [x, y, z], rotation: [x, y, z, w]}
 
@@ -23,6 +23,8 @@ refused by name. Exit status: 0 done, 1 the file is wrong, 2 bad usage.
 }  // namespace
 
 int main(int argc, char** argv) {
+  bool launched = false;  // by roslaunch, which gives a name
+  for (int i = 1; i < argc; ++i) launched = launched || std::string(argv[i]).rfind("__name:=", 0) == 0;
   std::vector<std::string> arguments;
   ros::removeROSArgs(argc, argv, arguments);
   arguments.erase(arguments.begin());
@@ -30,14 +32,16 @@ int main(int argc, char** argv) {
     std::fputs(kUsage, stdout);
     return 0;
   }
-  if (arguments.size() != 1 || arguments[0].front() == '-') {
+  if (arguments.size() > 1 || (arguments.empty() && !launched) || (arguments.size() == 1 && arguments[0][0] == '-')) {
     std::fputs(kUsage, stderr);
     return 2;
   }
   try {
-    std::vector<geometry_msgs::TransformStamped> transforms = cortshift_stereo::readStaticTransforms(arguments[0]);
+    std::vector<geometry_msgs::TransformStamped> transforms;
+    if (!arguments.empty()) transforms = cortshift_stereo::readStaticTransforms(arguments[0]);
     ros::init(argc, argv, "publish_static_tf");
-    ros::NodeHandle node;
+    ros::NodeHandle node("~");
+    if (arguments.empty()) transforms = cortshift_stereo::readStaticTransforms(node.param<std::string>("file", ""));
     for (geometry_msgs::TransformStamped& transform : transforms) transform.header.stamp = ros::Time::now();
     tf2_ros::StaticTransformBroadcaster broadcaster;
     broadcaster.sendTransform(transforms);

@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/calib3d.hpp>
 #include <opencv2/core/hal/intrin.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
+#include "cortshift_stereo/geometry/lens.hpp"
 #include "rectification/fill.hpp"
 #include "rectification/highlights.hpp"
 
@@ -159,10 +159,7 @@ Rectifier::Side Rectifier::makeSide(const CameraModel& camera, const SettingsWar
                                     const MicroscopeSetting& setting) {
   const cv::Size size = camera.size;
   Side side;
-  cv::Mat map_x, map_y;
-  cv::initUndistortRectifyMap(camera.K, camera.D, camera.R, camera.P.get_minor<3, 3>(0, 0), size, CV_32FC1, map_x,
-                              map_y);
-  cv::merge(std::vector<cv::Mat>{map_x, map_y}, side.calibrated_map);
+  side.calibrated_map = rectifyingMap(camera);
   side.map = warp != nullptr ? warp->compose(side.calibrated_map, setting) : side.calibrated_map;
   side.inside.create(size, CV_8UC1);
   for (int y = 0; y < size.height; ++y) {

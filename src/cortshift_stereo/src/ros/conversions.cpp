@@ -1,7 +1,6 @@
 #include "cortshift_stereo/ros/conversions.hpp"
 
 #include <cv_bridge/cv_bridge.h>
-#include <sensor_msgs/distortion_models.h>
 #include <sensor_msgs/image_encodings.h>
 
 #include <algorithm>
@@ -9,8 +8,10 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <opencv2/imgcodecs.hpp>
 #include <optional>
+
+#include "cortshift_stereo/geometry/lens.hpp"
+#include "cortshift_stereo/images/image_file.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -115,7 +116,8 @@ cv::Matx<double, rows, cols> matrix(const Array& values) {
 }
 
 cv::Mat bgrFromCvImage(const cv_bridge::CvImage& image) {
-  cv::Mat bgr = cv_bridge::cvtColor(boost::make_shared<cv_bridge::CvImage>(image), "bgr8")->image;
+  const bool deep = sensor_msgs::image_encodings::bitDepth(image.encoding) == 16;
+  cv::Mat bgr = cv_bridge::cvtColor(boost::make_shared<cv_bridge::CvImage>(image), deep ? "bgr16" : "bgr8")->image;
   if (bgr.empty()) throw MessageError("image: it is empty");
   return bgr;
 }
@@ -208,15 +210,15 @@ CameraModel cameraModelFromInfo(const sensor_msgs::CameraInfo& info) {
   const bool full = (roi.width == 0 || roi.width == info.width) && (roi.height == 0 || roi.height == info.height);
   if (!full || roi.x_offset != 0 || roi.y_offset != 0)
     throw CalibrationError(where + "a region of interest is not supported; send full images");
-  const bool no_distortion = std::all_of(info.D.begin(), info.D.end(), [](double d) { return d == 0; });
-  if (!no_distortion && info.distortion_model != sensor_msgs::distortion_models::PLUMB_BOB)
-    throw CalibrationError(where + "distortion_model is '" + info.distortion_model + "'; only plumb_bob is supported");
-  if (!no_distortion && info.D.size() != 4 && info.D.size() != 5)
-    throw CalibrationError(where + "D has " + std::to_string(info.D.size()) + " values; plumb_bob has k1 k2 p1 p2 k3");
   CameraModel camera;
   camera.size = cv::Size(static_cast<int>(info.width), static_cast<int>(info.height));
   camera.K = matrix<3, 3>(info.K);
-  if (!no_distortion) camera.D = info.D;
+  // Rectified images come without a model where there is nothing to take out.
+  const bool none = std::all_of(info.D.begin(), info.D.end(), [](double d) { return d == 0; });
+  if (!info.distortion_model.empty() || !none) {
+    camera.lens = lensNamed(info.distortion_model, where + "distortion_model");
+    camera.D = checkedCoefficients(camera.lens, info.D, where + "D");
+  }
   camera.R = matrix<3, 3>(info.R);
   camera.P = matrix<3, 4>(info.P);
   return camera;
@@ -233,9 +235,8 @@ sensor_msgs::CameraInfo toCameraInfo(const CameraModel& camera, const std_msgs::
   info.header = header;
   info.width = static_cast<uint32_t>(camera.size.width);
   info.height = static_cast<uint32_t>(camera.size.height);
-  info.distortion_model = sensor_msgs::distortion_models::PLUMB_BOB;
-  info.D = camera.D;
-  info.D.resize(5, 0.0);
+  info.distortion_model = nameOf(camera.lens);
+  info.D = checkedCoefficients(camera.lens, camera.D, "camera_info: D");
   std::copy_n(camera.K.val, 9, info.K.begin());
   std::copy_n(camera.R.val, 9, info.R.begin());
   std::copy_n(camera.P.val, 12, info.P.begin());
@@ -255,9 +256,7 @@ cv::Mat bgrFromImage(const sensor_msgs::Image& image) {
 cv::Mat bgrFromImage(const sensor_msgs::CompressedImage& image) {
   try {
     cv_bridge::CvImage decoded;
-    if (!image.data.empty())
-      decoded.image = cv::imdecode(image.data, cv::IMREAD_UNCHANGED | cv::IMREAD_IGNORE_ORIENTATION);
-    if (decoded.image.empty()) throw MessageError("the data are not a png or jpeg file");
+    decoded.image = decodeImage(image.data, "its data");
     // The recorder's format reads "ENCODING; png compressed ..."; a Bayer pattern is stored as a grey image.
     const std::string recorded = image.format.substr(0, image.format.find(';'));
     const std::string depth = decoded.image.depth() == CV_16U ? "16" : "8";

@@ -25,8 +25,10 @@ std::shared_ptr<const SettingsFields> fieldsOf(const std::string& folder) {
 }  // namespace
 
 void requireOneContent(const ImageMessage& image, const std::string& side) {
-  if (image.raw && image.compressed)
-    checkSameImage(bgrFromImage(*image.raw), bgrFromImage(*image.compressed), side).requireAccepted();
+  if (!image.raw || !image.compressed) return;
+  cv::Mat raw = bgrFromImage(*image.raw), compressed = bgrFromImage(*image.compressed);
+  BitDepth().toEightBits(raw, compressed);
+  checkSameImage(raw, compressed, side).requireAccepted();
 }
 
 bool sameCalibration(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
@@ -39,6 +41,7 @@ DropReason dropReason(const std::exception& error) {
   const std::string what = error.what();
   if (const auto* pair = dynamic_cast<const PairError*>(&error)) return {pair->reason(), what};
   if (dynamic_cast<const MessageError*>(&error)) return {"image", "A message cannot be used: " + what + "."};
+  if (dynamic_cast<const ImageError*>(&error)) return {checkOf(CheckId::kBitDepth).word, "The pair has " + what + "."};
   if (dynamic_cast<const CalibrationError*>(&error))
     return {"calibration", "The calibration is refused: " + what + "."};
   if (const auto* pose = dynamic_cast<const PoseError*>(&error))
@@ -47,8 +50,10 @@ DropReason dropReason(const std::exception& error) {
   return {"internal", "The pair could not be processed: " + what + "."};
 }
 
-PairReconstruction::PairReconstruction(const SurfaceReconstructionParameters& parameters)
+PairReconstruction::PairReconstruction(const SurfaceReconstructionParameters& parameters,
+                                       std::shared_ptr<BitDepth> depth)
     : parameters_(parameters),
+      depth_(depth ? std::move(depth) : std::make_shared<BitDepth>(parameters.image_bits)),
       rectifiers_(fieldsOf(parameters.settings_calibration), parameters.referenceSetting(),
                   parameters.settings_tolerance),
       recent_(parameters.average, static_cast<std::size_t>(parameters.average_pairs)) {}
@@ -98,8 +103,9 @@ PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseS
   out.frame.rectifier = rectifierFor(pair);
   requireOneContent(pair.left, "left");
   requireOneContent(pair.right, "right");
-  const cv::Mat left = decode(pair.left);
-  out.result = reconstruct(left, decode(pair.right), *out.frame.rectifier, parameters_.reconstruction);
+  cv::Mat left = decode(pair.left), right = decode(pair.right);
+  depth_->toEightBits(left, right);
+  out.result = reconstruct(left, right, *out.frame.rectifier, parameters_.reconstruction);
   out.frame.stamp_ns = static_cast<std::int64_t>(pair.stamp.toNSec());
   out.frame.T_pmr_left = poses.at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);
   found.add(judgePose(pair, *stereo_, poses));
@@ -123,8 +129,10 @@ PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseS
 
 void PairReconstruction::remember(const PairMessages& pair, const PoseSource& poses) {
   const auto rectifier = rectifierFor(pair);
+  cv::Mat left = decode(pair.left);
+  depth_->toEightBits(left);
   views_.add(static_cast<std::int64_t>(pair.stamp.toNSec()),
-             poses.at(parameters_.map_frame, parameters_.camera_frame, pair.stamp), decode(pair.left), rectifier);
+             poses.at(parameters_.map_frame, parameters_.camera_frame, pair.stamp), left, rectifier);
 }
 
 void PairReconstruction::calibrate(const PairMessages& pair) {

@@ -1,5 +1,6 @@
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
 
+#include "cortshift_stereo/reconstruction_limits.hpp"
 #include "cortshift_stereo/ros/parameter_reader.hpp"
 #include "cortshift_stereo/ros/parameter_writer.hpp"
 
@@ -28,20 +29,13 @@ void each(Reader& reader, Parameters& p) {
   reader.number("reference_magnification", p.reference_magnification, 0.0, 100.0);
   reader.number("reference_focal_length", p.reference_focal_length, 0.0, 10.0);
   reader.number("settings_tolerance", p.settings_tolerance, 0.0, 0.1);
+  reader.number("image_bits", p.image_bits, 0, 16);
   reader.number("average_pairs", p.average_pairs, 1, 64);
   reader.number("average_window", p.average.age, 0.01, 60.0);
   reader.number("average_max_translation", p.average.translation, 0.0, 0.1);
   reader.number("average_max_rotation", p.average.rotation, 0.0, 0.5);
-  auto& r = p.reconstruction;
-  reader.number("min_working_distance", r.min_working_distance, 0.02, 10.0);
-  reader.number("max_working_distance", r.max_working_distance, 0.02, 100.0);
-  reader.number("relief", r.relief, 0.0, 1.0);
-  reader.number("max_deviation", r.max_deviation, 0.01, 10.0);
-  reader.number("min_coverage", r.limits.min_coverage, 0.0, 1.0);
-  reader.number("max_epipolar_residual", r.limits.max_epipolar_residual, 0.05, 100.0);
-  reader.number("max_saturated_share", r.limits.max_saturated_share, 0.0, 1.0);
-  reader.number("min_contrast", r.limits.min_contrast, 0.0, 128.0);
-  reader.number("min_sharpness", r.limits.min_sharpness, 0.0, 10.0);
+  for (const ReconstructionLimit& limit : reconstructionLimits())
+    reader.number(limit.name, limit.in(p.reconstruction), limit.low, limit.high);
 }
 
 }  // namespace
@@ -59,6 +53,9 @@ SurfaceReconstructionParameters SurfaceReconstructionParameters::load(const Para
   reader.finish();
   if ((p.reference_magnification == 0) != (p.reference_focal_length == 0))
     throw ParameterError("of reference_magnification and reference_focal_length one is given and the other is not");
+  if (p.image_bits > 0 && p.image_bits < 8)
+    throw ParameterError("parameter image_bits = " + std::to_string(p.image_bits) +
+                         " is not allowed; allowed is 8 ... 16, or 0 to recognise them");
   try {
     p.reconstruction.validate();
   } catch (const std::invalid_argument& error) {

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <opencv2/core/utils/filesystem.hpp>
-#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgcodecs.hpp>  // haveImageReader
 
 namespace cortshift_stereo {
 namespace {
@@ -10,8 +10,7 @@ namespace {
 std::string fileName(const std::string& path) { return path.substr(path.rfind('/') + 1); }
 
 cv::Mat readImage(const std::string& path, const cv::Size& size) {
-  const cv::Mat image = cv::imread(path, cv::IMREAD_COLOR);
-  if (image.empty()) throw SourceError(path + " cannot be read as an image");
+  const cv::Mat image = bgrOf(readImageFile(path));
   if (image.size() != size)
     throw SourceError(path + " has " + std::to_string(image.cols) + " x " + std::to_string(image.rows) +
                       " pixels, its calibration is for " + std::to_string(size.width) + " x " +
@@ -21,8 +20,9 @@ cv::Mat readImage(const std::string& path, const cv::Size& size) {
 
 }  // namespace
 
-FolderSource::FolderSource(const std::string& folder, bool loop, const StereoModel& calibration, Clock clock)
-    : folder_(folder), loop_(loop), calibration_(calibration), clock_(std::move(clock)) {
+FolderSource::FolderSource(const std::string& folder, bool loop, const StereoModel& calibration, Clock clock,
+                           int image_bits)
+    : folder_(folder), loop_(loop), calibration_(calibration), clock_(std::move(clock)), depth_(image_bits) {
   if (!cv::utils::fs::isDirectory(folder)) throw std::invalid_argument("folder '" + folder + "' is not there");
   std::vector<cv::String> paths;
   cv::utils::fs::glob(folder, "*", paths);
@@ -53,8 +53,13 @@ StereoPair FolderSource::fire() {
   }
   const Names& names = pairs_[next_++];
   StereoPair pair;
-  pair.left = readImage(folder_ + "/" + names.left, calibration_.left.size);
-  pair.right = readImage(folder_ + "/" + names.right, calibration_.right.size);
+  try {
+    pair.left = readImage(folder_ + "/" + names.left, calibration_.left.size);
+    pair.right = readImage(folder_ + "/" + names.right, calibration_.right.size);
+    depth_.toEightBits(pair.left, pair.right);
+  } catch (const ImageError& error) {
+    throw SourceError(error.what());
+  }
   pair.stamp = clock_();
   return pair;
 }

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "cortshift_stereo/images/bit_depth.hpp"
 #include "cortshift_stereo/sources/stereo_source.hpp"
 
 namespace cortshift_stereo {
@@ -13,8 +14,9 @@ namespace cortshift_stereo {
 class FolderSource : public StereoSource {
  public:
   /// @param loop  begin again after the last pair; otherwise fire() throws then
+  /// @param image_bits  that the cameras use of 16-bit images; 0: recognised from the values
   /// @throws std::invalid_argument if there is no folder or no pair, or an image has no partner
-  FolderSource(const std::string& folder, bool loop, const StereoModel& calibration, Clock clock);
+  FolderSource(const std::string& folder, bool loop, const StereoModel& calibration, Clock clock, int image_bits = 0);
 
   StereoPair fire() override;
   StereoModel calibration() const override { return calibration_; }
@@ -29,6 +31,7 @@ class FolderSource : public StereoSource {
   bool loop_;
   StereoModel calibration_;
   Clock clock_;
+  BitDepth depth_;
   std::vector<Names> pairs_;
   std::size_t next_ = 0;
 };

@@ -174,12 +174,13 @@ TEST(Views, OnePoseShowsOneSurrounding) {
 
 TEST(Views, OneImageIsNotSeenFromTwoPlaces) {
   const auto optics = std::make_shared<int>(0);
-  Eigen::Isometry3d here = Eigen::Isometry3d::Identity(), there = here;
+  Eigen::Isometry3d here = Eigen::Isometry3d::Identity(), there = here, elsewhere = here;
   there.translation().x() = 0.004;
+  elsewhere.translation().x() = 0.008;
   ViewMemory views;
   EXPECT_TRUE(views.add(1, here, view(0, 1), optics).all().empty());
   EXPECT_TRUE(views.add(2, there, view(30, 2), optics).all().empty());
-  const Findings repeated = views.add(3, here, view(30, 2), optics);
+  const Findings repeated = views.add(3, elsewhere, view(30, 2), optics);
   ASSERT_NE(repeated.refusal(), nullptr);
   EXPECT_EQ(repeated.refusal()->check, CheckId::kImageRepeated);
 }

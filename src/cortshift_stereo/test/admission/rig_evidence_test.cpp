@@ -61,6 +61,12 @@ TEST(Clocks, ALagIsWarnedOfInBothDirections) {
   EXPECT_TRUE(checkStamp(1).all().empty());
 }
 
+TEST(Clocks, ACaptureThatHadToWaitSaysSo) {
+  EXPECT_TRUE(checkWait(-0.5, 2).all().empty());
+  EXPECT_TRUE(checkWait(1.9, 2).all().empty());
+  EXPECT_THAT(checkWait(6.8, 2).warnings().front(), HasSubstr("6.8 s after the time that was asked for"));
+}
+
 TEST(Pairs, StampsThatAreAlmostTheSameNameTheTolerance) {
   PairSynchroniser<int> pairs(0, 0.5);
   using Side = PairSynchroniser<int>::Side;

@@ -29,7 +29,9 @@ struct View {
     const cv::Affine3d turned = cv::Affine3d(cv::Vec3d(0.3, -0.2, 0)) * cv::Affine3d(cv::Vec3d(0, 0, roll));
     T_camera_board = {turned.rotation(), cv::Vec3d(0.002, 0.001, 0.3) - turned.rotation() * cv::Vec3d(0.024, 0.015, 0)};
   }
-  cv::Mat image() const { return cortshift_stereo_phantom::renderBoard(size, K, D, T_camera_board, kBoard); }
+  cv::Mat image() const {
+    return cortshift_stereo_phantom::renderBoard({size, K, LensModel::kPlumbBob, D}, T_camera_board, kBoard);
+  }
   Corners truth() const {
     Corners corners;
     cv::projectPoints(kBoard.points(), T_camera_board.rvec(), T_camera_board.translation(), K, D, corners);

@@ -68,12 +68,16 @@ TEST(Tools, CalibrateStereoOnEverySecondRealPair) {
   const std::string command =
       "calibrate_stereo --images " + realChessboards() + " --board 9x6 --square 0.025 --output " + folder.file("out");
   EXPECT_THAT(run(command + " --views 01,02,99"), endsWith(2, "there is no usable view 99"));
-  EXPECT_THAT(run(command + " --views 01,02,03"), endsWith(1, "only 3 usable pairs"));
+  EXPECT_THAT(run(command + " --views 01,02,03"), endsWith(1, "verdict: useless: only 3 usable pairs"));
+  EXPECT_THAT(run(command + " --model fisheye"), endsWith(2, "--model is 'fisheye'; plumb_bob, rational_polynomial"));
   EXPECT_FALSE(std::filesystem::exists(folder.file("out")));
   for (const std::string views : {"odd", "even"}) {
     const auto outcome = run(command + " --views " + views);
     ASSERT_THAT(outcome, endsWith(0, "cross-validated k1 "));
+    EXPECT_THAT(outcome.text, testing::HasSubstr("\nverdict: "));
+    EXPECT_THAT(outcome.text, testing::Not(testing::HasSubstr("useless")));
     const YAML::Node report = YAML::LoadFile(folder.file("out/report.yaml"));
+    EXPECT_THAT(report["verdict"].as<std::string>(), testing::AnyOf("good", "doubtful"));
     EXPECT_LE(report["checked"]["reprojection_rms_px"].as<double>(), 0.315);
     EXPECT_LE(report["checked"]["epipolar_rms_px"].as<double>(), 0.2);
     EXPECT_LE(report["checked"]["corner_spacing_error_mm"].as<double>(), 0.15);
@@ -97,8 +101,7 @@ TEST(Tools, CalibrateHandEyeFromRenderedImages) {
   int number = 0;
   for (const auto& T_left_board : truth.boardPoses(16, random)) {
     const std::string name = "view" + std::to_string(++number) + ".png";
-    cv::imwrite(folder.file(name), cortshift_stereo_phantom::renderBoard(truth.left.size, truth.left.K, truth.left.D,
-                                                                         T_left_board, truth.board));
+    cv::imwrite(folder.file(name), cortshift_stereo_phantom::renderBoard(truth.left, T_left_board, truth.board));
     cv::Affine3d pose = SimulatedHandEye::tracked(truth.microscopePose(T_left_board), 0.05e-3, 0.0003, random);
     if (number == 5) pose = pose.translate(cv::Vec3d(0.01, 0, 0.01));
     const Eigen::Quaterniond q(Eigen::AngleAxisd(
@@ -112,6 +115,8 @@ TEST(Tools, CalibrateHandEyeFromRenderedImages) {
   EXPECT_THAT(run(command + " --board 9x6 --square 0.006 --tracker-position-sd 1"), endsWith(2, "tracker_position_sd"));
   ASSERT_THAT(run(command + " --board 9x6 --square 0.006 --tracker-position-sd 0.00005 --tracker-rotation-sd 0.0003"),
               endsWith(0, "view view5.png left out"));
+  EXPECT_THAT(YAML::LoadFile(folder.file("hand_eye.yaml"))["verdict"].as<std::string>(),
+              testing::AnyOf("good", "doubtful"));
   const cv::Affine3d difference = truth.T_microscope_left.inv() * readHandEyeYaml(folder.file("hand_eye.yaml"));
   EXPECT_LT(cv::norm(difference.translation()), 0.25e-3);
   EXPECT_LT(cv::norm(difference.rvec()), 0.05 * CV_PI / 180);
@@ -129,9 +134,10 @@ class RenderedSettings {
     const auto shot = [&](const MicroscopeSetting& setting, const std::string& name) {
       for (const Side side : {Side::kLeft, Side::kRight}) {
         const cv::Affine3d T_camera_board = head_.cameraPose(side, setting).inv() * T_left_board_;
+        const CameraModel camera{head_.size, halfSize(head_.K(side, setting)), LensModel::kPlumbBob,
+                                 head_.D(side, setting)};
         cv::imwrite(folder_.file((side == Side::kLeft ? "left_" : "right_") + name + ".png"),
-                    cortshift_stereo_phantom::renderBoard(head_.size, halfSize(head_.K(side, setting)),
-                                                          head_.D(side, setting), T_camera_board, board_));
+                    cortshift_stereo_phantom::renderBoard(camera, T_camera_board, board_));
       }
     };
     shot(head_.reference, "reference");
@@ -197,6 +203,8 @@ TEST(Tools, CalibrateSettingsFromRenderedImages) {
   EXPECT_THROW(left.requireCovered({1.31, 0.3}), SettingNotCalibrated);
   const YAML::Node report = YAML::LoadFile(rendered.folder().file("out/settings_report.yaml"));
   EXPECT_EQ(report["left"]["views"].size(), 9U);
+  EXPECT_EQ(report["verdict"].as<std::string>(), "doubtful") << "one small board covers little of the image";
+  EXPECT_THAT(outcome.text, testing::HasSubstr("\nverdict: doubtful: left: boards cover"));
   EXPECT_LT(report["right"]["held_out_rms_px"].as<double>(), 0.2);
 }
 

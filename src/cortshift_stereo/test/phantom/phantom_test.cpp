@@ -27,9 +27,13 @@ Eigen::Vector3d toEigen(const cv::Vec3d& v) { return {v[0], v[1], v[2]}; }
 /// Projects with OpenCV, which shares no code with the phantom.
 Eigen::Vector2d projectWithOpenCv(const View& view, const Eigen::Vector3d& point_pmr) {
   const Eigen::Vector3d p = view.T_pmr_camera.inverse() * point_pmr;
+  const std::vector<cv::Point3d> point{{p.x(), p.y(), p.z()}};
+  const cv::Vec3d none(0, 0, 0);
   std::vector<cv::Point2d> pixel;
-  cv::projectPoints(std::vector<cv::Point3d>{{p.x(), p.y(), p.z()}}, cv::Vec3d(0, 0, 0), cv::Vec3d(0, 0, 0), view.K,
-                    std::vector<double>(view.D.begin(), view.D.end()), pixel);
+  if (view.lens == cortshift_stereo::LensModel::kEquidistant)
+    cv::fisheye::projectPoints(point, pixel, none, none, view.K, view.D);
+  else
+    cv::projectPoints(point, none, none, view.K, view.D, pixel);
   return {pixel[0].x, pixel[0].y};
 }
 
@@ -242,6 +246,20 @@ TEST(PhantomCameras, rectifiedRowsAgreeAndTriangulateToTheSamePoint) {
   }
 }
 
+TEST(PhantomCameras, everyLensIsExact) {
+  for (const auto& [lens, D] :
+       {std::pair(cortshift_stereo::LensModel::kRationalPolynomial,
+                  std::vector<double>{0.5, -0.7, 0.002, -0.001, 0.2, 0.8, -0.4, 0.1}),
+        std::pair(cortshift_stereo::LensModel::kEquidistant, std::vector<double>{-0.2, 0.3, -0.1, 0.05})}) {
+    PhantomCase wide = demoScene().description();
+    wide.cameras.lens = lens;
+    wide.cameras.left_distortion = wide.cameras.right_distortion = D;
+    const PhantomScene scene(wide);
+    expectTruthExact(scene, 1, scene.view(1, Side::kLeft), 200);
+    expectTruthExact(scene, 1, scene.view(1, Side::kRight), 200);
+  }
+}
+
 TEST(PhantomCameras, rawAndRectifiedPixelsAgreeThroughOpenCv) {
   const PhantomScene& scene = demoScene();
   const auto& model = scene.stereoHead().model;
@@ -332,59 +350,6 @@ TEST(PhantomImages, highlightsSaturateAndMoveBetweenTheViews) {
   const int shining = cv::countNonZero(gained > 0.5);
   EXPECT_GT(shining, 20);
   EXPECT_LT(shining, static_cast<int>(left.total()) / 10);
-}
-
-// --- The script ---
-
-std::string errorOf(const std::string& yaml) {
-  try {
-    parsePhantomCase(yaml, "test");
-  } catch (const PhantomCaseError& error) {
-    return error.what();
-  }
-  return "";
-}
-
-TEST(PhantomScript, minimalCaseTakesTheDefaults) {
-  const PhantomCase minimal = parsePhantomCase("{name: m, stages: [{name: only}]}", "test");
-  EXPECT_EQ(minimal.cameras.size, cv::Size(1024, 768));
-  EXPECT_EQ(minimal.stages.at(0).name, "only");
-}
-
-TEST(PhantomScript, refusesWhatIsWrongByName) {
-  EXPECT_NE(errorOf("{name: m}").find("at least one stage"), std::string::npos);
-  EXPECT_NE(errorOf("{stages: [{name: a}]}").find("name is missing"), std::string::npos);
-  EXPECT_NE(errorOf("{name: m, colour: red, stages: [{name: a}]}").find("colour is unknown"), std::string::npos);
-  EXPECT_NE(errorOf("{name: m, stages: [{name: a, deformation: {sagg: 1}}]}").find("stages[0].deformation.sagg"),
-            std::string::npos);
-  EXPECT_NE(errorOf("{name: m, stages: [{name: a}, {name: a}]}").find("taken"), std::string::npos);
-  EXPECT_NE(errorOf("{name: m, stages: [{name: a, deformation: {sag: 6}}]}").find("sag = 6"), std::string::npos);
-  EXPECT_NE(errorOf("{name: m, stages: [{name: a, deformation: {sag: .nan}}]}").find("sag = nan"), std::string::npos);
-  EXPECT_NE(errorOf("{name: m, image: {noise: loud}, stages: [{name: a}]}").find("image.noise = loud"),
-            std::string::npos);
-  EXPECT_NE(errorOf("{name: m, cameras: {size: [3]}, stages: [{name: a}]}").find("list of 2"), std::string::npos);
-  EXPECT_NE(errorOf("{name: m, brain_in_pmr: {rpy: [0, 0, 0]}, stages: [{name: a}]}").find("translation is missing"),
-            std::string::npos);
-  EXPECT_NE(errorOf("{name: m, gravity_in_pmr: [0, 0, 0], stages: [{name: a}]}").find("gravity_in_pmr"),
-            std::string::npos);
-  EXPECT_NE(errorOf("{name: m, stages: [").find("not YAML"), std::string::npos);
-  EXPECT_NE(errorOf("just text").find("mapping"), std::string::npos);
-  EXPECT_THROW(loadPhantomCase("/nowhere/case.yaml"), PhantomCaseError);
-}
-
-TEST(PhantomScript, refusesAStageThatFoldsTheSurface) {
-  PhantomCase folded = smallCase();
-  folded.stages[0].deformation.lateral = {0.015, 0};
-  EXPECT_THROW(PhantomScene{folded}, PhantomCaseError);
-}
-
-TEST(PhantomScript, unknownStageNamesThoseThatThereAre) {
-  try {
-    demoScene().stageIndex("later");
-    FAIL();
-  } catch (const PhantomCaseError& error) {
-    EXPECT_NE(std::string(error.what()).find("dural_opening"), std::string::npos);
-  }
 }
 
 }  // namespace

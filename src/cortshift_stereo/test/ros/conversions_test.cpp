@@ -8,9 +8,15 @@
 #include <limits>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <tuple>
+
+#include "cortshift_stereo/images/bit_depth.hpp"
+#include "exif_image.hpp"
 
 namespace cortshift_stereo {
 namespace {
+
+using cortshift_stereo_test::withOrientation;
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
@@ -164,6 +170,32 @@ TEST(Conversions, cameraInfoRoundTrip) {
   EXPECT_NEAR(back.baseline(), 0.025, 1e-15);
 }
 
+TEST(Conversions, everyLensKeepsItsNameAndCoefficients) {
+  StereoModel model = someModel();
+  for (const auto& [lens, name, D] :
+       {std::tuple(LensModel::kRationalPolynomial, "rational_polynomial",
+                   std::vector<double>{0.4, -0.2, 1e-4, -2e-4, 0.3, 0.6, 0.1, -0.05}),
+        std::tuple(LensModel::kEquidistant, "equidistant", std::vector<double>{0.1, 0.02, -0.01, 0.3})}) {
+    model.left.lens = model.right.lens = lens;
+    model.left.D = model.right.D = D;
+    sensor_msgs::CameraInfo left = toCameraInfo(model.left, header());
+    EXPECT_EQ(left.distortion_model, name);
+    EXPECT_EQ(left.D, D);
+    if (lens == LensModel::kRationalPolynomial) left.D.resize(14, 0.0);  // as OpenCV fills up
+    const StereoModel back = stereoModelFromInfo(left, toCameraInfo(model.right, header()));
+    EXPECT_EQ(back.left.lens, lens);
+    EXPECT_EQ(back.left.D, D);
+    EXPECT_EQ(back.right.D, D);
+  }
+  // Zeros are a pinhole in two models, and a fisheye in the third.
+  sensor_msgs::CameraInfo info = toCameraInfo(model.left, header());
+  info.D.assign(4, 0.0);
+  EXPECT_EQ(cameraModelFromInfo(info).lens, LensModel::kEquidistant);
+  info.distortion_model.clear();
+  info.D.clear();
+  EXPECT_EQ(cameraModelFromInfo(info).lens, LensModel::kPlumbBob);
+}
+
 TEST(Conversions, badCalibrationsAreRefusedByName) {
   const sensor_msgs::CameraInfo left = toCameraInfo(someModel().left, header());
   const sensor_msgs::CameraInfo right = toCameraInfo(someModel().right, header());
@@ -185,7 +217,20 @@ TEST(Conversions, badCalibrationsAreRefusedByName) {
   refused("1024x768, right ones 640x768", [](auto& info) { info.width = 640; });
   refused("differ in fx, fy or cy", [](auto& info) { info.P[6] += 1; });
   refused("differ in fx, fy or cy", [](auto& info) { info.P[0] += 1; });
-  refused("equidistant", [](auto& info) { info.distortion_model = "equidistant"; });
+  refused("distortion_model is 'fisheye'; plumb_bob, rational_polynomial and equidistant are supported",
+          [](auto& info) { info.distortion_model = "fisheye"; });
+  refused("distortion_model is 'thin_prism'", [](auto& info) {
+    info.distortion_model = "thin_prism";
+    info.D.assign(5, 0.0);
+  });
+  refused("distortion_model is ''", [](auto& info) { info.distortion_model.clear(); });
+  refused("D has 5 values; equidistant has 4: k1 k2 k3 k4", [](auto& info) { info.distortion_model = "equidistant"; });
+  refused("D has 5 values; rational_polynomial has 8",
+          [](auto& info) { info.distortion_model = "rational_polynomial"; });
+  refused("D has 12 values, as of OpenCV's thin prism model", [](auto& info) {
+    info.distortion_model = "rational_polynomial";
+    info.D.resize(12, 0.1);
+  });
   refused("D has 8", [](auto& info) { info.D.resize(8, 0.1); });
   refused("D is not finite", [](auto& info) { info.D[0] = std::nan(""); });
   refused("binning", [](auto& info) { info.binning_x = 2; });
@@ -220,7 +265,10 @@ TEST(Conversions, imagesOfEveryEncodingBecomeBgr) {
   cv::cvtColor(grey, grey_bgr, cv::COLOR_GRAY2BGR);
   grey.convertTo(grey16, CV_16U, 257);
   const auto decode = [](const cv::Mat& pixels, const std::string& encoding) {
-    return bgrFromImage(*cv_bridge::CvImage(header(), encoding, pixels).toImageMsg());
+    cv::Mat bgr = bgrFromImage(*cv_bridge::CvImage(header(), encoding, pixels).toImageMsg());
+    EXPECT_EQ(bgr.depth(), pixels.depth()) << encoding;
+    BitDepth(16).toEightBits(bgr);
+    return bgr;
   };
   expectPatches(decode(bgr, "bgr8"), bgr, 0);
   expectPatches(decode(rgb, "rgb8"), bgr, 0);
@@ -246,6 +294,14 @@ TEST(Conversions, imagesOfEveryEncodingBecomeBgr) {
     cv::imencode(".png", mosaic, compressed.data);
     expectPatches(bgrFromImage(compressed), bgr, 1);
   }
+}
+
+TEST(Conversions, compressedImagesThatAskForRotationAreRefused) {
+  sensor_msgs::CompressedImage image;
+  image.format = "jpeg";
+  cv::imencode(".jpg", patches(), image.data);
+  image.data = withOrientation(image.data, 6);
+  expectMessage([&] { bgrFromImage(image); }, "carries EXIF orientation 6");
 }
 
 TEST(Conversions, compressedImagesBecomeBgr) {

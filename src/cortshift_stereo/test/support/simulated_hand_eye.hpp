@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "cortshift_stereo/calibration/hand_eye/hand_eye.hpp"
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 
@@ -63,7 +64,7 @@ struct SimulatedHandEye {
       HandEyeView view{"view" + std::to_string(views.size() + 1),
                        tracked(microscopePose(T_left_board), position_sd, rotation_sd, random),
                        {}};
-      cv::projectPoints(board.points(), T_left_board.rvec(), T_left_board.translation(), left.K, left.D, view.corners);
+      view.corners = projectPoints(left, board.points(), T_left_board.rvec(), T_left_board.translation());
       for (auto& corner : view.corners) corner += corner_sd * cv::Point2d(normal(random), normal(random));
       views.push_back(view);
     }

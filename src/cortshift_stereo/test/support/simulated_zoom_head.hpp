@@ -70,8 +70,9 @@ struct SimulatedZoomHead {
   /// What calibrate_stereo would find at the reference setting.
   StereoModel referenceModel() const {
     const cv::Affine3d T_right_left = cameraPose(Side::kRight, reference).inv();
-    return rectify({size, K(Side::kLeft, reference), K(Side::kRight, reference), D(Side::kLeft, reference),
-                    D(Side::kRight, reference), T_right_left.rotation(), T_right_left.translation()});
+    return rectify({size, K(Side::kLeft, reference), K(Side::kRight, reference), LensModel::kPlumbBob,
+                    D(Side::kLeft, reference), D(Side::kRight, reference), T_right_left.rotation(),
+                    T_right_left.translation()});
   }
 };
 

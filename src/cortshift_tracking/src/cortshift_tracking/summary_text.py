@@ -7,7 +7,7 @@ def in_mm(mean, sd):
 
 
 def summary_lines(summary):
-    """The numbers of a ShiftSummary as (name, text); what is not known is left out."""
+    """The numbers of a ShiftSummary as (name, text); what is not known is left out, and no warning is."""
     lines = [('magnitude', in_mm(summary.magnitude_mean, summary.magnitude_sd)),
              ('along gravity', in_mm(summary.gravity_mean, summary.gravity_sd)),
              ('along the normal', in_mm(summary.normal_mean, summary.normal_sd)),

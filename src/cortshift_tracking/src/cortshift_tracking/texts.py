@@ -1,8 +1,11 @@
-"""Text files as people's programs write them: UTF-8 with or without mark, UTF-16, Latin-1; CSV with commas, semicolons or tabs."""
+"""Text files as people's programs write them: UTF-8 with or without mark, UTF-16, Latin-1; CSV with commas,
+semicolons or tabs; YAML."""
 import codecs
 import csv
 import math
 from dataclasses import dataclass
+
+import yaml
 
 from cortshift_tracking.errors import CaseError
 
@@ -39,6 +42,15 @@ def read_text(path):
             return decoded(file.read(), path)
     except OSError as error:
         raise CaseError(f'{path}: cannot be read ({error.strerror})') from error
+
+
+def read_yaml(path):
+    """Content of a YAML file. Raises CaseError where it cannot be read, or is no YAML."""
+    try:
+        return yaml.safe_load(read_text(path))
+    except yaml.YAMLError as error:
+        mark = getattr(error, 'problem_mark', None)
+        raise CaseError(f'{path}: is not YAML{f" (line {mark.line + 1})" if mark else ""}; correct it, or restore it from a copy') from error
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,7 @@
-#include <cerrno>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
-#include <fstream>
-#include <stdexcept>
 
+#include "cortshift_stereo/durable_file.hpp"
 #include "cortshift_tracking/igtl/mesh.hpp"
 
 namespace cortshift_tracking::igt {
@@ -56,15 +53,7 @@ void writeVtk(const std::string& path, const std::string& title, const LinkMesh&
       for (int i = 0; i < 3; ++i) out.push_back(static_cast<char>(std::lround(255 * colour[i])));
     out += "\n";
   }
-  const std::string temporary = path + ".part";
-  std::ofstream file(temporary, std::ios::binary | std::ios::trunc);
-  file.write(out.data(), static_cast<std::streamsize>(out.size()));
-  file.close();
-  if (!file || std::rename(temporary.c_str(), path.c_str()) != 0) {
-    const std::string cause = std::strerror(errno);
-    std::remove(temporary.c_str());
-    throw std::runtime_error("cannot write " + path + ": " + cause);
-  }
+  cortshift_stereo::replaceDurably(path, out.data(), out.size());
 }
 
 }  // namespace cortshift_tracking::igt

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "cortshift_stereo/admission/limits.hpp"
+#include "cortshift_stereo/admission/rig_evidence.hpp"
 #include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_stereo/ros/shifted_time.hpp"
@@ -82,7 +83,7 @@ SurfaceReconstructionParameters CaseCapture::parametersAt(const PairMessages& me
 StageRecord CaseCapture::recordOf(const PairPlace& place) const {
   const PairMessages messages = recording_.read(place);
   const SurfaceReconstructionParameters parameters = parametersAt(messages);
-  cortshift_stereo::PairReconstruction reconstruct(parameters);
+  cortshift_stereo::PairReconstruction reconstruct(parameters, depth_);
   const auto surfaceOf = [&](const PairPlace& pair, const PairMessages& content) {
     return reconstruct(content, recording_.posesAround(pair.arrival, parameters.max_pose_gap));
   };
@@ -168,6 +169,9 @@ CaseCapture::Captured CaseCapture::captureOne(const PlannedCapture& planned) con
     try {
       captured.record = recordOf(place);
       captured.arrival = place.arrival;
+      cortshift_stereo::addWarnings(
+          captured.record.info.warnings,
+          cortshift_stereo::checkWait(exposed(place).toSec() - asked.toSec(), max_age).warnings());
       return true;
     } catch (const std::exception& error) {
       why = dropped(place, error);
@@ -192,10 +196,10 @@ CaseCapture::Captured CaseCapture::captureOne(const PlannedCapture& planned) con
 std::string CaseCapture::whyNone(const ros::Time& asked) const {
   const auto unpaired = recording_.unpaired(shifted(asked, -parameters_.tracker.max_surface_age),
                                             shifted(asked, parameters_.tracker.capture_timeout));
-  if (!unpaired.empty())
-    return ": " + std::to_string(unpaired.size()) + " images there have no partner. The first: " + unpaired.front();
   const std::string others = recording_.notUnderstood();
-  return ": no image of the two cameras is recorded there" +
+  return (unpaired.empty() ? ": no image of the two cameras is recorded there"
+                           : ": " + std::to_string(unpaired.size()) +
+                                 " images there have no partner. The first: " + unpaired.front()) +
          (others.empty() ? ""
                          : "; images that are recorded on other topics: " + others +
                                "; rename them to /stereo/{left,right}/image_raw");
@@ -217,7 +221,7 @@ CaseCapture::Captured CaseCapture::captureMean(const PlannedCapture& planned) co
       if (exposed(place) < asked || (place.arrival - heard).toSec() > patience) continue;
       try {
         const PairMessages messages = recording_.read(place);
-        if (!reconstruct) reconstruct.emplace(parametersAt(messages));
+        if (!reconstruct) reconstruct.emplace(parametersAt(messages), depth_);
         const auto poses = recording_.posesAround(place.arrival, parameters_.reconstruction.max_pose_gap);
         frames.add((*reconstruct)(messages, poses).frame);
         ++offered;

@@ -200,8 +200,9 @@ CaseCheck checkCase(const CaseRecording& recording, const cortshift_stereo::Surf
   const double length = end.toSec() - begin.toSec();
   ros::Time from = shifted(begin, -1e-3);
   while (from < end) {
-    const ros::Time to = std::min(shifted(from, kSlice), end);
     const ros::Time next = from + ros::Duration(0, 1);  // slices do not share a message
+    ros::Time to = std::min(shifted(from, kSlice), end);
+    if (const auto change = recording.fixedEdgeChangesAfter(next)) to = std::min(to, *change - ros::Duration(0, 1));
     offsetsIn(bag, next, to, out.image_offsets);
     for (const BagEntry& entry : bag.entries({"/tf"}, next, to)) {
       const tf2_msgs::TFMessageConstPtr message = bag.read<tf2_msgs::TFMessage>(entry);

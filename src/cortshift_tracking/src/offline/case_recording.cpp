@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include "cortshift_stereo/admission/limits.hpp"
 #include "cortshift_stereo/admission/pair_synchroniser.hpp"
@@ -96,6 +97,11 @@ void CaseRecording::findRange() {
   }
   begin_ = *first;
   end_ = *last;
+  // Times are added to and subtracted from: beyond these bounds ros::Time and ros::Duration overflow.
+  constexpr std::uint32_t kYear = 365 * 86400;
+  if (end_.sec >= 0xffffffffu - kYear)
+    throw TrackingError(bag_.path().string() + " is damaged: its messages' times go from " +
+                        std::to_string(begin_.sec) + " s to " + std::to_string(end_.sec) + " s; " + kDamagedBagRemedy);
   remarks_.push_back(Finding{CheckId::kAbsurdStamp, Verdict::kWarn, "The recording",
                              "holds " +
                                  (absurd == 0 ? std::string("messages of other topics")
@@ -156,16 +162,22 @@ Findings CaseRecording::judgeClock(const PairPlace& pair) const {
   if (!std::isfinite(period)) period = 0;
   Findings found = cortshift_stereo::checkLag("The stamp of the pair", pair.arrival.toSec() - pair.stamp.toSec(),
                                               std::max(period, ClockLimits::kTransport), "record time");
-  constexpr double kBeside = 0.5;  // [s]
-  std::vector<double> lags;
-  for (const BagEntry& entry : bag_.entries({kTf}, shifted(pair.arrival, -kBeside), shifted(pair.arrival, kBeside)))
-    for (const auto& sample : bag_.read<tf2_msgs::TFMessage>(entry)->transforms)
-      lags.push_back(entry.time.toSec() - sample.header.stamp.toSec());
-  if (lags.empty()) return found;
-  const auto middle = lags.begin() + static_cast<std::ptrdiff_t>(lags.size() / 2);
-  std::nth_element(lags.begin(), middle, lags.end());
-  found.add(
-      cortshift_stereo::checkLag("The stamp of the poses on /tf", *middle, ClockLimits::kTransport, "record time"));
+  constexpr double kBeside = 0.5;                   // [s]
+  std::map<std::string, std::vector<double>> lags;  // of each edge: a publisher may have a clock of its own
+  for (const BagEntry& entry : bag_.entries({kTf}, shifted(pair.arrival, -kBeside), shifted(pair.arrival, kBeside))) {
+    const tf2_msgs::TFMessageConstPtr message = bag_.read<tf2_msgs::TFMessage>(entry);
+    for (const auto& sample : message->transforms) {
+      const std::string child = cortshift_stereo::withoutSlash(sample.child_frame_id);
+      if (child == "reference" || child == "microscope" || child == parameters_.camera_frame)
+        lags[child].push_back(entry.time.toSec() - sample.header.stamp.toSec());
+    }
+  }
+  for (auto& [child, of_edge] : lags) {
+    const auto middle = of_edge.begin() + static_cast<std::ptrdiff_t>(of_edge.size() / 2);
+    std::nth_element(of_edge.begin(), middle, of_edge.end());
+    found.add(cortshift_stereo::checkLag("The stamp of " + child + " on /tf", *middle, ClockLimits::kTransport,
+                                         "record time"));
+  }
   return found;
 }
 
@@ -285,13 +297,13 @@ std::optional<cortshift_stereo::MicroscopeSetting> CaseRecording::referenceSetti
 }
 
 cortshift_stereo::TransformTree CaseRecording::transforms(const ros::Time& from, const ros::Time& to,
-                                                          double max_pose_gap) const {
+                                                          const ros::Time& fixed_until, double max_pose_gap) const {
   cortshift_stereo::TransformTree tree(max_pose_gap, kHistory);
   tf2_msgs::TFMessage fixed;
   fixed.transforms = given_statics_;
   addTransforms(tree, fixed, true);
   for (const Static& recorded : statics_) {
-    if (recorded.time > to) continue;
+    if (recorded.time > fixed_until) continue;
     fixed.transforms = {recorded.edge};
     addTransforms(tree, fixed, true, recorded.time);
   }
@@ -303,10 +315,12 @@ cortshift_stereo::TransformTree CaseRecording::transforms(const ros::Time& from,
 cortshift_stereo::PoseSource CaseRecording::posesAround(const ros::Time& arrival, double max_pose_gap) const {
   const double reach = max_pose_gap + parameters_.pose_timeout;
   const auto near = std::make_shared<const cortshift_stereo::TransformTree>(
-      transforms(shifted(arrival, -reach), shifted(arrival, reach), max_pose_gap));
+      transforms(shifted(arrival, -reach), shifted(arrival, reach), shifted(arrival, reach), max_pose_gap));
   const auto wide = std::make_shared<std::optional<cortshift_stereo::TransformTree>>();
   const auto around = [=]() -> const cortshift_stereo::TransformTree& {
-    if (!*wide) *wide = transforms(shifted(arrival, -kWidePoses), shifted(arrival, kWidePoses), max_pose_gap);
+    if (!*wide)
+      *wide = transforms(shifted(arrival, -kWidePoses), shifted(arrival, kWidePoses), shifted(arrival, kWidePoses),
+                         max_pose_gap);
     return **wide;
   };
   const auto at = [=](const std::string& target, const std::string& source, const ros::Time& stamp) {
@@ -328,7 +342,7 @@ cortshift_stereo::PoseSource CaseRecording::posesAround(const ros::Time& arrival
 cortshift_stereo::PoseSource CaseRecording::posesWithin(const ros::Time& from, const ros::Time& to,
                                                         double max_pose_gap) const {
   const auto tree = std::make_shared<const cortshift_stereo::TransformTree>(
-      transforms(shifted(from, -kWidePoses), shifted(to, kWidePoses), max_pose_gap));
+      transforms(shifted(from, -kWidePoses), shifted(to, kWidePoses), to, max_pose_gap));
   const auto at = [=](const std::string& target, const std::string& source, const ros::Time& stamp) {
     return poseFrom(*tree, target, source, stamp);
   };
@@ -337,6 +351,12 @@ cortshift_stereo::PoseSource CaseRecording::posesWithin(const ros::Time& from, c
     return judgePoses(*tree, target, source, stamp, limits);
   };
   return {at, judge};
+}
+
+std::optional<ros::Time> CaseRecording::fixedEdgeChangesAfter(const ros::Time& time) const {
+  for (const Static& recorded : statics_)
+    if (recorded.time > time) return recorded.time;
+  return std::nullopt;
 }
 
 std::optional<ros::Time> CaseRecording::registrationChanged(const ros::Time& time) const {

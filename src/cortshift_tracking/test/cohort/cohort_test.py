@@ -14,7 +14,8 @@ import pytest
 import recorded_cases as cases
 from cortshift_tracking.cohort.sheet import read_sheet
 from cortshift_tracking.errors import CaseError
-from offline_tools import ROOT
+from cortshift_tracking.report.tables import TABLE_3_HEADER
+from offline_tools import ROOT, run_tool
 
 COHORT = str(ROOT / 'script/cohort')
 SETTINGS = ('--config', 'settings=' + cases.CONFIG)
@@ -129,18 +130,51 @@ def test_memory_is_bounded(sheet, tmp_path):
     ('case,bag,stages,calibration\n', 'holds no case'),
     ('case,bag,stages,calibration\np1,,a@1,\n', 'line 2: column bag is empty'),
     ('case,bag,stages,calibration\np/1,a.bag,a@1,\n', 'line 2: case "p/1"'),
-    ('case,bag,stages,calibration\np1,a.bag,a@1,\np1,b.bag,a@1,\n', 'line 3: case "p1" stands twice'),
-    ('case,bag,stages,calibration\np1,a.bag,a@1\n', 'another number of columns')])
-def test_sheet_is_checked(tmp_path, text, reason):
+    ('case,bag,stages,calibration\np1,a.bag,a@1,\np1,b.bag,a@1,\n', 'line 3: case "p1" stands twice, in lines 2 and 3'),
+    ('case,bag,stages,calibration\np1,a.bag,a@1\n', 'line 2: it has 3 columns, the first line 4')])
+def test_a_sheet_of_which_nothing_is_left_is_refused(tmp_path, text, reason):
     (tmp_path / 'sheet.csv').write_text(text)
     with pytest.raises(CaseError) as refused:
         read_sheet(str(tmp_path / 'sheet.csv'))
     assert reason in str(refused.value)
 
 
+def test_bad_lines_are_left_out_and_stand_in_the_table(tmp_path):
+    lines = ['p1,a.bag,a@1 b@2,', 'p/2,a.bag,a@1,', 'p3,,a@1,', 'p4,a.bag,a@1', 'p5,a.bag,a@1,', 'p5,b.bag,a@1,']
+    (tmp_path / 'sheet.csv').write_text('case,bag,stages,calibration\n' + '\n'.join(lines) + '\n')
+    sheet = read_sheet(str(tmp_path / 'sheet.csv'))
+    assert list(sheet.cases) == ['p1'] and [line for line, _ in sheet.left_out] == [3, 4, 5, 6, 7]
+    row = dict.fromkeys(TABLE_3_HEADER, '1.0')
+    row.update(pair='a -> b', warnings='the microscope moved')
+    (tmp_path / 'p1.json').write_text(json.dumps({'case': 'p1', 'status': 'done', 'reason': '', 'seconds': 1.0, 'peak_memory_mb': 50,
+                                                  'table': [row]}))
+    said, _ = run_tool('cohort_table', tmp_path / 'p1.json', '--output', tmp_path, '--sheet', tmp_path / 'sheet.csv')
+    assert '1 of 6 cases processed' in said and 'line 4 failed: column bag is empty' in said
+    with open(tmp_path / 'cohort.csv', encoding='utf-8', newline='') as file:
+        rows = {row['case']: row for row in csv.DictReader(file)}
+    assert rows['line 5']['reason'] == 'it has 3 columns, the first line 4' and rows['line 3']['status'] == 'failed'
+    assert rows['p1']['warnings'] == 'the microscope moved'
+    page = (tmp_path / 'cohort.html').read_text()
+    assert 'the microscope moved' in page and 'case &quot;p5&quot; stands twice, in lines 6 and 7' in page
+    (tmp_path / 'p1.json').write_text('{')
+    _, refused = run_tool('cohort_table', tmp_path / 'p1.json', '--output', tmp_path, status=1)
+    assert 'p1.json: is no whole result of a case; process the case again' in refused
+
+
+@pytest.mark.parametrize('encoded', [
+    lambda text: text.encode('utf-8-sig'), lambda text: text.encode('utf-16'), lambda text: text.encode('latin-1'),
+    lambda text: text.replace(',', ';').replace('@2.5', '@2,5').replace('\n', '\r\n').encode('cp1252')],
+    ids=['mark', 'utf-16', 'latin-1', 'semicolons'])
+def test_sheets_of_spreadsheets(tmp_path, encoded):
+    text = 'case,bag,stages,calibration\np1,Müller case/a b.bag,a@1 b@2.5,\n'
+    (tmp_path / 'sheet.csv').write_bytes(encoded(text))
+    case = read_sheet(str(tmp_path / 'sheet.csv')).cases['p1']
+    assert case.bag == str(tmp_path / 'Müller case/a b.bag') and case.stages == ['a@1', 'b@2.5']
+
+
 def test_sheet(tmp_path):
     (tmp_path / 'sheet.csv').write_text('case,bag,stages,calibration\np1,sub/a.bag,a@1 b@2.5 c@3,../fixed.yaml\np2,b.bag,plan.yaml,\n')
-    first, second = read_sheet(str(tmp_path / 'sheet.csv')).values()
+    first, second = read_sheet(str(tmp_path / 'sheet.csv')).cases.values()
     assert first.arguments() == [str(tmp_path / 'sub/a.bag'), '--capture', 'a@1', 'b@2.5', 'c@3', '--shift', 'a:b', 'b:c', 'a:c',
                                  '--static-tf', str(tmp_path.parent / 'fixed.yaml')]
     assert second.arguments() == [str(tmp_path / 'b.bag'), '--plan', str(tmp_path / 'plan.yaml')]

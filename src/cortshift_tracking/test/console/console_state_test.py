@@ -3,9 +3,10 @@ import threading
 import time
 
 import pytest
-from cortshift_tracking.console.graph_state import SILENCE, TRACKER_STATE, GraphState
+from cortshift_tracking.console.graph_state import SILENCE, GraphState
 from cortshift_tracking.console.terminal import tracker_words
 from cortshift_tracking.console.worker import DeskError, Worker
+from cortshift_tracking.tracker_state import TRACKER_STATE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 

@@ -54,7 +54,7 @@ class Tracker:
             self._place += np.array([self.speed, self.turn]) * (now - last)
             last = now
             if not self.hidden:
-                noise = self._random.normal(0, self.jitter, 3) if self.jitter else np.zeros(3)
+                noise = self._random.normal(0, max(self.jitter, 1e-6), 3)  # no tracker says one pose twice to the last bit
                 self._broadcaster.sendTransform(transform('reference', 'microscope', noise + [self._place[0], 0.1, 0.2],
                                                           self._place[1], rospy.Time.from_sec(now)))
 

@@ -122,9 +122,9 @@ def test_missing_and_doubled_slices_are_named(tmp_path):
         load_volume(twice)
 
 
-@pytest.mark.parametrize('content, reason', [(b'notes of the scan', r'stray \(not DICOM\)'),
-                                             (b'\0' * 128 + b'DICM' + b'\xff' * 40, r'stray \(damaged, noticed as \w+|stray \(DICOM without an image')],
-                         ids=['text', 'damaged'])
+@pytest.mark.parametrize('content, reason', [
+    (b'notes of the scan', r'stray \(not DICOM\)'),
+    (b'\0' * 128 + b'DICM' + b'\xff' * 40, r'stray \(damaged, noticed as \w+|stray \(DICOM without an image')], ids=['text', 'damaged'])
 def test_other_files_are_set_aside_and_named(tmp_path, content, reason):
     folder = series(tmp_path / 's')
     with open(os.path.join(folder, 'stray'), 'wb') as file:

@@ -125,7 +125,7 @@ def test_probe_picks_and_calibration_that_cannot_be_used(case):
     told = '\n'.join(warnings_of(read, left_out + bad))
     for reason in ('left out: point "p1" of stage "dural_opening" is', 'mm from the surface', 'the two gravity positions are only 0.0 mm apart',
                    'column column_px: "12;4" is not a number', 'it has 3 columns, the first line 4',
-                   'no surface at column 1, row 1, where "p2" was picked', 'left.yaml: not YAML (line 3)'):
+                   'no surface at column 1, row 1, where "p2" was picked', 'left.yaml: is not YAML (line 3)'):
         assert reason in told, reason
     assert read.gravity_pmr is None
     (case / 'probe_points.json').write_text('{')

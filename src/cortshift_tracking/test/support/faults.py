@@ -230,9 +230,10 @@ def baseline_of_two_truths(entries, random):
 
 @fault
 def camera_info_changes(entries, random):
-    factor, side = random.uniform(1.005, 1.05), random.choice(['left', 'right'])
-    for message in infos(entries, side, later_half(entries)):
-        message.K = [factor * value if k in (0, 4) else value for k, value in enumerate(message.K)]
+    factor = random.uniform(1.0005, 1.01)
+    for side in ('left', 'right'):
+        for message in infos(entries, side, later_half(entries)):
+            message.K = [factor * value if k in (0, 4) else value for k, value in enumerate(message.K)]
     return entries
 
 
@@ -410,7 +411,7 @@ def untouched(entries, _):
 
 @variant
 def tracker_with_its_noise(entries, random):
-    sd = random.uniform(0.00001, 0.00004)
+    sd = random.uniform(0.000005, 0.00002)
     for _, _, edge in edges(entries, 'microscope'):
         move(edge, sd * random.normal(size=3))
     return entries

@@ -38,5 +38,6 @@ class SheetSource:
         """Stamp of a sheet of now, once the node has it."""
         stamp = rospy.Time.now()
         self._surfaces.publish(sheet(stamp, lift))
-        self._diagnostics.wait_for('shift_tracker: surfaces', newest_stamp=f'{stamp.to_sec():.3f}')
+        # Cut off, not rounded: it has to begin what the node says with more digits.
+        self._diagnostics.wait_for('shift_tracker: surfaces', newest_stamp=f'{stamp.secs}.{stamp.nsecs // 1000000:03d}')
         return stamp

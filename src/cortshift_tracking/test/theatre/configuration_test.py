@@ -1,12 +1,12 @@
 """Every shipped YAML, launch file and rviz view loads, and what it names exists."""
 import pathlib
-import re
 import subprocess
 
 import pytest
 import roslaunch
 import yaml
 from roslib.packages import find_node
+from site_example import with_examples
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 YAML_FILES = sorted(p for folder in ('config', 'launch') for p in (ROOT / folder).rglob('*') if p.suffix in ('.yaml', '.rviz'))
@@ -57,10 +57,7 @@ def test_phantom_case_is_understood(path):
 
 def test_site_names_parameters_that_its_nodes_have():
     """Those in the comments too: a site takes the # away."""
-    text = (ROOT / 'config/site.yaml').read_text()
-    uncommented = re.sub(r'(?m)^# (?=[a-z_]+:$)|^#   (?=[a-z_]+: )', lambda match: ' ' * (len(match.group()) - 2), text)
-    uncommented = re.sub(r'(?m)^  # (?=[a-z_]+:( |$))', '  ', uncommented)
-    site = yaml.load(re.sub(r'(?m)^  #   (?=[a-z_]+: )', '    ', uncommented), StrictLoader)
+    site = yaml.load(with_examples((ROOT / 'config/site.yaml').read_text()), StrictLoader)
     assert {'stereo_driver', 'igtl_bridge', 'shift_tracker'} <= set(site)
     launched = roslaunch.config.load_config_default([str(ROOT / 'launch/phantom.launch')], port=None, assign_machines=False)
     for node, parameters in site.items():

@@ -101,11 +101,31 @@ def test_calibrations_that_do_not_match(site, tmp_path):
     assert 'hand_eye is older' in findings(site)['calibration match']
 
 
+@pytest.mark.parametrize('model, terms, complaint', [
+    ('rational_polynomial', [0.1] * 8, None), ('equidistant', [0.1] * 4, None), ('plumb_bob', [0.1] * 4, None),
+    ('rational_polynomial', [0.1] * 8 + [0] * 6, None),
+    ('fisheye', [0.1] * 4, 'supported are plumb_bob, rational_polynomial, equidistant'),
+    ('rational_polynomial', [0.1] * 5, '5 distortion_coefficients; rational_polynomial has 8'),
+    ('plumb_bob', [0.1] * 12, '12 distortion_coefficients; plumb_bob has 5')])
+def test_lenses_and_flat_lists(site, tmp_path, model, terms, complaint):
+    for side in ('left', 'right'):
+        camera = yaml.safe_load(camera_yaml('2026-04-20T10:00:00Z', side))
+        camera = {'width': 320, 'height': 240, 'distortion_model': model, 'D': terms, 'K': camera['camera_matrix']['data'],
+                  'R': camera['rectification_matrix']['data'], 'P': camera['projection_matrix']['data']}
+        (tmp_path / f'{side}.yaml').write_text('# verdict: good\n# Calibrated 2026-04-20T10:00:00Z from 20 views\n' + yaml.safe_dump(camera))
+    found = findings(site)
+    if complaint:
+        assert complaint in found['calibration_left']
+    else:
+        assert found == {}
+        assert '320 x 240 pixels, baseline 25.00 mm' in findings(site, pf.OK)['calibration match']
+
+
 def test_calibration_that_is_missing_or_broken(site, tmp_path):
     (tmp_path / 'left.yaml').write_text('- 1\n')
     site['stereo_driver']['calibration_right'] = ''
     found = findings(site)
-    assert 'no dictionary' in found['calibration_left'] and 'set stereo_driver/calibration_right' in found['calibration_right']
+    assert 'holds no calibration' in found['calibration_left'] and 'set stereo_driver/calibration_right' in found['calibration_right']
 
 
 def test_no_tracker(site):
@@ -169,3 +189,47 @@ def test_the_script(site, tmp_path):
         path.write_text(text)
         refused = run('--site', str(path))
         assert refused.returncode == 1 and str(path) in refused.stderr, refused
+
+
+class Master:
+    """A ROS master that holds these parameters, or does not answer."""
+
+    def __init__(self, parameters):
+        self._parameters = parameters
+
+    def __call__(self, _):
+        return self
+
+    def hasParam(self, name):
+        if self._parameters is None:
+            raise ConnectionRefusedError(111, 'Connection refused')
+        return name in self._parameters
+
+    def getParam(self, name):
+        return self._parameters[name]
+
+
+@pytest.mark.parametrize('parameters, level, text', [
+    ({'/use_sim_time': True}, pf.FAIL, 'rosparam set use_sim_time false'), ({'/use_sim_time': False}, pf.OK, 'not set'),
+    ({}, pf.OK, 'not set'), (None, None, '')], ids=['left behind', 'false', 'never set', 'no master'])
+def test_simulated_time_that_was_left_behind_is_named(monkeypatch, parameters, level, text):
+    monkeypatch.setattr(pf.rosgraph, 'Master', Master(parameters))
+    found = pf.check_simulated_time()
+    assert [f.level for f in found] == ([level] if level else []) and all(text in f.text for f in found)
+
+
+@pytest.mark.parametrize('content, reason', [
+    (b'\xff\xfes\0t\0', 'is not a dictionary of nodes'), ('a: [1,\n'.encode(), 'is not YAML (line 2)'), (b'\0\1\2', 'is not a text file'),
+    (b'preflight: {disk_gb: much}', "preflight/disk_gb = 'much' is not a number"), (b'preflight: {days: 3}', 'preflight/days is unknown')])
+def test_a_site_file_that_cannot_be_used_is_refused_without_the_words_of_a_library(tmp_path, capsys, content, reason):
+    (tmp_path / 'my site.yaml').write_bytes(content)
+    assert pf.main(['--site', str(tmp_path / 'my site.yaml')]) == 1
+    said = capsys.readouterr().err
+    assert reason in said and 'my site.yaml' in said and 'Error' not in said
+
+
+def test_names_that_openigtlink_has_no_room_for():
+    long = [{'device': 'MicroscopeToReference'}, {'device': 'StylusToReference'}]
+    found = pf.check_tracker({'tools': long, 'servers': ['127.0.0.1:1']})
+    assert [f.check for f in found] == ['tool MicroscopeToReference'] and '21 characters and OpenIGTLink has room for 20' in found[0].text
+    assert pf.check_tracker({'tools': [{'device': 'ü' * 11}]})[0].level == pf.FAIL

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""case_recorder: parts that roll, compressed, whole, each understood alone; lost messages are noticed; a recording that ends is begun again; a full disk pauses it."""
+"""case_recorder: compressed parts, each whole and understood alone; lost messages are noticed; a recording that ends is begun
+again; a full disk pauses it."""
 import os
 import signal
 import subprocess

@@ -10,6 +10,7 @@ namespace cortshift_stereo {
 enum class CheckId {
   // One image
   kImageMessage,
+  kBitDepth,
   kImageSize,
   kBlank,
   kSaturated,
@@ -45,6 +46,7 @@ enum class CheckId {
   // A case
   kRegistrationUnsettled,
   kEpoch,
+  kOtherPair,
   kNotUnderstood,
   kStatus,
   kCount  // of the above

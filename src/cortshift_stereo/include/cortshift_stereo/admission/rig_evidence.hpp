@@ -25,6 +25,11 @@ Findings checkSettingKnown(bool known, bool several);
 /// @param clock     whose time it came at, "record time"
 Findings checkLag(const std::string& thing, double lag, double most, const std::string& clock);
 
+/// A capture that had to wait for a pair: what it shows may be of another stage.
+/// @param late  [s] exposure after the time that was asked for
+/// @param most  [s]
+Findings checkWait(double late, double most);
+
 /// Zero is no time of an exposure.
 Findings checkStamp(int64_t stamp_ns);
 

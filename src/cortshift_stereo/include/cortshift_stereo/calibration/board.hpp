@@ -2,6 +2,7 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <opencv2/core/affine.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -43,6 +44,10 @@ cv::Mat readGreyImage(const std::string& path);
 /// index is the same physical corner in every image.
 /// @param image  8-bit grey
 std::optional<Corners> findBoard(const cv::Mat& image, const Board& board);
+
+/// The board's pose that fits its corners in an image of the camera [m]; none where no pose does.
+std::optional<cv::Affine3d> locateBoard(const CameraModel& camera, const std::vector<cv::Point3d>& board,
+                                        const Corners& corners);
 
 /// The same corners counted from the other end of the board.
 Corners upsideDown(const Corners& corners);

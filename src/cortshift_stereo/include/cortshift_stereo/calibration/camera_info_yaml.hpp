@@ -13,9 +13,11 @@ struct NamedCamera {
   CameraModel model;
 };
 
-/// Read one camera.
+/// Read one camera. Matrices and coefficients may also be flat lists or lists of rows, and the keys those of the
+/// message (width, height, K, D, R, P), as `rostopic echo` writes them.
 /// @throws CalibrationError naming the file, what is wrong in it and the remedy: no such file, not YAML, a key missing,
-///         a matrix of another shape, a number that is not finite, or a distortion model other than plumb_bob.
+///         a matrix of another shape, a number that is not finite, a distortion model that is none
+///         of LensModel or has another number of coefficients, binning or a region of interest.
 NamedCamera readCameraInfoYaml(const std::string& path);
 
 /// Read both cameras of one calibration and check that they can be true (StereoModel::validate).

@@ -14,13 +14,21 @@ class CalibrationError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// One camera: pinhole with plumb_bob distortion (Ji et al. 2014, Eq. 1) and its rectification.
+/// How a lens bends rays, as ROS's camera_info names it.
+enum class LensModel {
+  kPlumbBob,            ///< k1 k2 p1 p2 k3 (Ji et al. 2014, Eq. 1: k1 alone); none or shorter: the rest is 0
+  kRationalPolynomial,  ///< k1 k2 p1 p2 k3 k4 k5 k6
+  kEquidistant,         ///< k1 k2 k3 k4 of the angle to the optical axis (OpenCV's fisheye); all 0 is no pinhole
+};
+
+/// One camera: its lens and its rectification.
 struct CameraModel {
-  cv::Size size;                         ///< [px]
-  cv::Matx33d K = cv::Matx33d::eye();    ///< raw intrinsics [px]
-  std::vector<double> D;                 ///< k1 k2 p1 p2 k3; empty or shorter: the rest is 0
-  cv::Matx33d R = cv::Matx33d::eye();    ///< raw camera coordinates to rectified ones
-  cv::Matx34d P = cv::Matx34d::zeros();  ///< rectified projection; P(0,3) = -fx * baseline for the right camera [px m]
+  cv::Size size;                          ///< [px]
+  cv::Matx33d K = cv::Matx33d::eye();     ///< raw intrinsics [px]
+  LensModel lens = LensModel::kPlumbBob;  ///< what D means
+  std::vector<double> D;                  ///< coefficients of the lens
+  cv::Matx33d R = cv::Matx33d::eye();     ///< raw camera coordinates to rectified ones
+  cv::Matx34d P = cv::Matx34d::zeros();   ///< rectified projection; P(0,3) = -fx * baseline for the right camera [px m]
 };
 
 /// Both cameras of the microscope.

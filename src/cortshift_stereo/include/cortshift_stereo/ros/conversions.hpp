@@ -34,8 +34,8 @@ sensor_msgs::PointCloud2 toPointCloud2(const Surface& surface, const std_msgs::H
 /// @throws MessageError
 Surface surfaceFromPointCloud2(const sensor_msgs::PointCloud2& cloud);
 
-/// @throws CalibrationError for an uncalibrated camera, binning, a region of interest or another distortion model
-///         than plumb_bob
+/// @throws CalibrationError for an uncalibrated camera, binning, a region of interest, a distortion model that is none
+///         of LensModel, or another number of coefficients than it has
 CameraModel cameraModelFromInfo(const sensor_msgs::CameraInfo& info);
 
 /// Validated pair. @throws CalibrationError
@@ -43,11 +43,11 @@ StereoModel stereoModelFromInfo(const sensor_msgs::CameraInfo& left, const senso
 
 sensor_msgs::CameraInfo toCameraInfo(const CameraModel& camera, const std_msgs::Header& header);
 
-/// Pixels as CV_8UC3 blue green red; mono, 16-bit, RGB and Bayer encodings are converted.
-/// @throws MessageError naming encoding or size
+/// Pixels as blue green red, CV_8UC3 or CV_16UC3 as the message has them (BitDepth brings pairs of 16 bits to 8); mono,
+/// RGB and Bayer encodings are converted. @throws MessageError naming encoding or size
 cv::Mat bgrFromImage(const sensor_msgs::Image& image);
 
-/// The same from png or jpeg data. @throws MessageError if the data cannot be decoded
+/// The same from png or jpeg data. @throws MessageError if the data cannot be decoded or ask for rotated pixels
 cv::Mat bgrFromImage(const sensor_msgs::CompressedImage& image);
 
 /// @param disparity  CV_32FC1 x_left - x_right [px], NaN where invalid

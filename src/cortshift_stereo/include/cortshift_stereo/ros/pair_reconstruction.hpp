@@ -15,6 +15,7 @@
 
 #include "cortshift_stereo/admission/view_memory.hpp"
 #include "cortshift_stereo/averaging/view_frames.hpp"
+#include "cortshift_stereo/images/bit_depth.hpp"
 #include "cortshift_stereo/rectification/rectifier_selector.hpp"
 #include "cortshift_stereo/ros/pose_source.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
@@ -59,8 +60,10 @@ DropReason dropReason(const std::exception& error);
 /// setting, and what is averaged. Not synchronised.
 class PairReconstruction {
  public:
-  /// @throws CalibrationError if settings_calibration cannot be used
-  explicit PairReconstruction(const SurfaceReconstructionParameters& parameters);
+  /// @param depth  of the images of 16 bits, where several reconstructions belong to one case
+  /// @throws CalibrationError if settings_calibration cannot be used, ImageError if image_bits cannot be
+  explicit PairReconstruction(const SurfaceReconstructionParameters& parameters,
+                              std::shared_ptr<BitDepth> depth = nullptr);
 
   /// @param pose_at  asked once, after the reconstruction: the tracker's next sample may still be under way
   /// @throws PairError, MessageError, CalibrationError, PoseError; see dropReason
@@ -84,6 +87,7 @@ class PairReconstruction {
   Findings judgePose(const PairMessages& pair, const StereoModel& model, const PoseSource& poses) const;
 
   SurfaceReconstructionParameters parameters_;
+  std::shared_ptr<BitDepth> depth_;
   sensor_msgs::CameraInfoConstPtr left_info_, right_info_;  // that rectifiers_ is calibrated with
   std::optional<StereoModel> stereo_;                       // what they say
   RectifierSelector rectifiers_;

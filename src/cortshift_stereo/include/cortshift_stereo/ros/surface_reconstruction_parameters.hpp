@@ -28,6 +28,7 @@ struct SurfaceReconstructionParameters {
                                        ///< settings_calibration, without it the first one seen
   double reference_focal_length = 0;   ///< [m] the same
   double settings_tolerance = 0.005;   ///< relative difference that counts as the reference setting
+  int image_bits = 0;                  ///< that cameras use of 16-bit images, 8 to 16; 0: recognised (BitDepth)
   int average_pairs = 1;               ///< a surface is the robust mean of up to so many pairs, the newest last
   ViewTolerance average;               ///< what these pairs may differ by
   ReconstructionSettings reconstruction;

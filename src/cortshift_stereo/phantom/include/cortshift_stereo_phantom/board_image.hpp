@@ -3,7 +3,6 @@
 
 #include <opencv2/core.hpp>
 #include <opencv2/core/affine.hpp>
-#include <vector>
 
 #include "cortshift_stereo/calibration/board.hpp"
 
@@ -11,7 +10,7 @@ namespace cortshift_stereo_phantom {
 
 /// An 8-bit image of the board at a pose in the camera; the square between the first four corners is dark. Grey noise
 /// of 2/255 comes from OpenCV's generator, seeded here so that every run is the same.
-cv::Mat renderBoard(const cv::Size& size, const cv::Matx33d& K, const std::vector<double>& D,
-                    const cv::Affine3d& T_camera_board, const cortshift_stereo::Board& board);
+cv::Mat renderBoard(const cortshift_stereo::CameraModel& camera, const cv::Affine3d& T_camera_board,
+                    const cortshift_stereo::Board& board);
 
 }  // namespace cortshift_stereo_phantom

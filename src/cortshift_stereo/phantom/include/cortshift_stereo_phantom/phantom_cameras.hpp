@@ -2,9 +2,9 @@
 #pragma once
 
 #include <Eigen/Geometry>
-#include <array>
 #include <opencv2/core.hpp>
 #include <optional>
+#include <vector>
 
 #include "cortshift_stereo/geometry/camera_model.hpp"
 #include "cortshift_stereo_phantom/phantom_case.hpp"
@@ -15,9 +15,10 @@ enum class Side { kLeft, kRight };
 
 /// A camera at a place. Pixel (0, 0) is the centre of the first pixel.
 struct View {
-  cv::Size size;                                                   ///< [px]
-  cv::Matx33d K = cv::Matx33d::eye();                              ///< [px]
-  std::array<double, 5> D{0, 0, 0, 0, 0};                          ///< plumb_bob k1 k2 p1 p2 k3
+  cv::Size size;                       ///< [px]
+  cv::Matx33d K = cv::Matx33d::eye();  ///< [px]
+  cortshift_stereo::LensModel lens = cortshift_stereo::LensModel::kPlumbBob;
+  std::vector<double> D;                                           ///< coefficients of the lens; empty: none
   Eigen::Isometry3d T_pmr_camera = Eigen::Isometry3d::Identity();  ///< optical axes: x right, y down, z ahead
   Eigen::Vector3d lamp_pmr{0, 0, 0};                               ///< [m]
 

@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "cortshift_stereo/geometry/camera_model.hpp"
+
 namespace cortshift_stereo_phantom {
 
 /// A case that cannot be played. The message names the key, its value and what is allowed.
@@ -56,12 +58,13 @@ struct ZoomSettings {
 
 /// Two cameras of the microscope, verging on its axis at the working distance.
 struct CameraSettings {
-  cv::Size size{1024, 768};                                  ///< [px]
-  double working_distance = 0.300;                           ///< from the baseline to the point of vergence [m]
-  double field_of_view = 0.080;                              ///< width of the image at the working distance [m]
-  double baseline = 0.025;                                   ///< [m]
-  std::array<double, 5> left_distortion{-0.35, 0, 0, 0, 0};  ///< plumb_bob k1 k2 p1 p2 k3
-  std::array<double, 5> right_distortion{-0.31, 0, 0, 0, 0};
+  cv::Size size{1024, 768};         ///< [px]
+  double working_distance = 0.300;  ///< from the baseline to the point of vergence [m]
+  double field_of_view = 0.080;     ///< width of the image at the working distance [m]
+  double baseline = 0.025;          ///< [m]
+  cortshift_stereo::LensModel lens = cortshift_stereo::LensModel::kPlumbBob;  ///< of both cameras
+  std::vector<double> left_distortion{-0.35, 0, 0, 0, 0};                     ///< coefficients of the lens
+  std::vector<double> right_distortion{-0.31, 0, 0, 0, 0};
   Eigen::Vector2d left_principal_offset{6, -4};   ///< of the raw principal point from the image centre [px]
   Eigen::Vector2d right_principal_offset{-5, 3};  ///< [px]
   double right_focal_ratio = 1.004;               ///< raw focal length of the right camera over that of the left

@@ -11,6 +11,7 @@
 #include "calibration/rigid.hpp"
 #include "cortshift_flow/range.hpp"
 #include "cortshift_flow/text.hpp"
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -30,6 +31,7 @@ constexpr double kOutlierFloorSigmas = 5;  // correction of a tracked pose
 constexpr double kLargestMisfit = 5;       // corrections may be this many times what the tracker's accuracy explains
 constexpr double kDegrees = 180 / CV_PI;
 constexpr std::size_t kFewestMethods = 3;
+
 cv::Vec3d rotationDiversity(const std::vector<LocatedView>& views) {
   cv::Matx33d sum = cv::Matx33d::zeros();
   for (const auto& located : views) sum += located.view.T_reference_microscope.rotation();
@@ -104,8 +106,7 @@ class Refiner {
                                const cv::Affine3d& T_reference_board, const cv::Affine3d& correction) const {
     const cv::Affine3d T_left_board =
         (view.T_reference_microscope * correction * T_microscope_left).inv() * T_reference_board;
-    Corners projected;
-    cv::projectPoints(board_, T_left_board.rvec(), T_left_board.translation(), left_.K, left_.D, projected);
+    const Corners projected = projectPoints(left_, board_, T_left_board.rvec(), T_left_board.translation());
     Eigen::VectorXd misses(2 * static_cast<Eigen::Index>(projected.size()));
     for (std::size_t i = 0; i < projected.size(); ++i)
       misses.segment<2>(2 * static_cast<Eigen::Index>(i)) << projected[i].x - view.corners[i].x,
@@ -217,6 +218,9 @@ HandEyeCalibration calibrateHandEye(const CameraModel& left, const Board& board,
     }
   }
 
+  std::vector<double> corrections;
+  for (const auto& own : refined.solution.own) corrections.push_back(refiner.sigmas(own));
+  result.misfit = std::sqrt(meanSquare(corrections));
   result.T_microscope_left = refined.T_microscope_left;
   result.T_reference_board = refined.T_reference_board;
   reportResiduals(refiner, refined, used, result);

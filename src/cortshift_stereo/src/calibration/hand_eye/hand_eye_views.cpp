@@ -7,6 +7,7 @@
 
 #include "calibration/outliers.hpp"
 #include "cortshift_flow/text.hpp"
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -21,17 +22,16 @@ LocatedView locate(const CameraModel& left, const std::vector<cv::Point3d>& boar
   if (view.corners.size() != board.size())
     throw CalibrationError("view " + view.name + " has " + std::to_string(view.corners.size()) +
                            " corners, the board has " + std::to_string(board.size()) + "; find them again");
-  cv::Vec3d turn, shift;
-  if (!cv::solvePnP(board, view.corners, left.K, left.D, turn, shift))
+  const auto T_left_board = locateBoard(left, board, view.corners);
+  if (!T_left_board)
     throw CalibrationError("view " + view.name + ": no pose of the board fits its corners; take the view out");
-  Corners projected;
-  cv::projectPoints(board, turn, shift, left.K, left.D, projected);
+  const Corners projected = projectPoints(left, board, T_left_board->rvec(), T_left_board->translation());
   double squares = 0;
   for (std::size_t i = 0; i < board.size(); ++i) {
     const cv::Point2d miss = projected[i] - view.corners[i];
     squares += miss.dot(miss);
   }
-  return {view, {turn, shift}, std::sqrt(squares / static_cast<double>(board.size()))};
+  return {view, *T_left_board, std::sqrt(squares / static_cast<double>(board.size()))};
 }
 
 void requireEnough(const std::vector<LocatedView>& views, const std::vector<RejectedView>& rejected) {
@@ -90,7 +90,8 @@ bool rejectWorstPose(const std::vector<cv::Point3d>& board, std::vector<LocatedV
 
 const std::string kNotTogether =
     "the tracked poses and the images do not belong together. Are they poses of the microscope in the reference frame "
-    "(not the inverse), in metres, each with its own image, and did the board stay where it was?";
+    "(not the inverse), in metres, each with its own image, is the side of a square right, and did the board stay "
+    "where it was?";
 
 std::optional<cv::Affine3d> solveClosedForm(const std::vector<LocatedView>& views,
                                             cv::HandEyeCalibrationMethod method) {

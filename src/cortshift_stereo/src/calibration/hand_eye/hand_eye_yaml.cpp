@@ -36,7 +36,7 @@ void writeHandEyeYaml(const std::string& path, const HandEyeReport& report) {
   const auto& pose = calibration.T_microscope_left;
   std::ostringstream text;
   text << "# Pose of the left camera in the microscope's tracked body (metres, unit quaternion x y z w).\n"
-       << "date: " << report.date << "\nimages: " << YAML::Dump(YAML::Node(report.images))
+       << report.verdict.yaml() << "date: " << report.date << "\nimages: " << YAML::Dump(YAML::Node(report.images))
        << "\ncamera: " << YAML::Dump(YAML::Node(report.camera)) << "\nboard: {inner_corners: " << report.board.name()
        << ", square_mm: " << exactText(report.board.square / kMillimetre) << "}\n"
        << "parent_frame: " << kParent << "\nchild_frame: " << kChild << "\n"
@@ -50,6 +50,8 @@ void writeHandEyeYaml(const std::string& path, const HandEyeReport& report) {
        << "rotation_diversity_deg: " << rounded(calibration.rotation_diversity, kDegree) << "\n"
        << "tracker_assumed: {position_sd_mm: " << rounded(report.settings.tracker_position_sd / kMillimetre)
        << ", rotation_sd_deg: " << rounded(report.settings.tracker_rotation_sd / kDegree) << "}\n"
+       << "misfit: " << rounded(calibration.misfit)
+       << "  # RMS correction of a tracked pose in the tracker's deviations\n"
        << "reprojection_rms_px: " << rounded(calibration.reprojection_rms) << "  # with the tracked poses as they are\n"
        << "method_spread_mm: " << rounded(calibration.method_spread / kMillimetre) << "\n"
        << "methods:  # closed-form solutions, compared with the refined one\n";

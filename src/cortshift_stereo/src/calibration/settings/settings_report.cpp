@@ -25,26 +25,29 @@ std::string sideText(const std::string& side, const SettingsCalibration& calibra
 }  // namespace
 
 void writeSettingsCalibration(const std::string& folder, const std::string& date, const SettingsCalibration& left,
-                              const SettingsCalibration& right, const std::vector<RejectedView>& rejected) {
+                              const SettingsCalibration& right, const std::vector<RejectedView>& rejected,
+                              const CalibrationVerdict& verdict) {
   makeFolder(folder);
   const std::filesystem::path place(folder);
   const auto remarks = [&](const std::string& side, const SettingsCalibration& calibration) {
-    return "Deformation field of the " + side + " camera, " + date + ", from " +
+    return verdict.line() + "\nDeformation field of the " + side + " camera, " + date + ", from " +
            std::to_string(calibration.residuals.size()) + " views: RMS " + fixedText(calibration.rms) +
            " px, on held-out settings " + fixedText(calibration.held_out_rms) +
            " px.\nRight in the plane of the board; elsewhere too if the entrance pupil does not move with the "
            "settings.";
   };
-  writeSettingsWarp((place / "settings_left.yaml").string(), left.warp, remarks("left", left));
-  writeSettingsWarp((place / "settings_right.yaml").string(), right.warp, remarks("right", right));
-  std::string text =
-      "# Deformation fields from any setting to the reference. rms_px is in the view's own image,\n"
-      "# held_out_px in pixels of the reference image, fitted without that setting (.nan where the\n"
-      "# setting is a corner of the calibrated range, which no others surround).\n"
-      "date: " +
-      date + "\nreference: {magnification: " + exactText(left.warp.model().reference.magnification) +
-      ", focal_length: " + exactText(left.warp.model().reference.focal_length) + "}\n" + sideText("left", left) +
-      sideText("right", right);
+  if (verdict.grade() != Grade::kUseless) {
+    writeSettingsWarp((place / "settings_left.yaml").string(), left.warp, remarks("left", left));
+    writeSettingsWarp((place / "settings_right.yaml").string(), right.warp, remarks("right", right));
+  }
+  std::string text = std::string(
+                         "# Deformation fields from any setting to the reference. rms_px is in the view's own image,\n"
+                         "# held_out_px in pixels of the reference image, fitted without that setting (.nan where the\n"
+                         "# setting is a corner of the calibrated range, which no others surround).\n") +
+                     verdict.yaml() + "date: " + date +
+                     "\nreference: {magnification: " + exactText(left.warp.model().reference.magnification) +
+                     ", focal_length: " + exactText(left.warp.model().reference.focal_length) + "}\n" +
+                     sideText("left", left) + sideText("right", right);
   std::vector<RejectedView> all = rejected;
   all.insert(all.end(), left.rejected.begin(), left.rejected.end());
   all.insert(all.end(), right.rejected.begin(), right.rejected.end());

@@ -5,41 +5,17 @@
 
 #include "calibration/least_squares.hpp"
 #include "cortshift_flow/text.hpp"
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {
 
-/// Distances of the corners, left ones first, from the board at a pose in the left camera [px].
-Eigen::VectorXd reprojection(const StereoParameters& camera, const std::vector<cv::Point3d>& board,
-                             const BoardPair& pair, const Eigen::VectorXd& pose_left_board) {
-  const cv::Vec3d turn(pose_left_board(0), pose_left_board(1), pose_left_board(2));
-  const cv::Vec3d shift(pose_left_board(3), pose_left_board(4), pose_left_board(5));
-  cv::Vec3d turn_right;
-  cv::Rodrigues(camera.R_right_left * rotationOf(turn), turn_right);
-  const cv::Vec3d shift_right = camera.R_right_left * shift + camera.t_right_left;
-  Corners left, right;
-  cv::projectPoints(board, turn, shift, camera.K_left, camera.D_left, left);
-  cv::projectPoints(board, turn_right, shift_right, camera.K_right, camera.D_right, right);
-  const Eigen::Index count = static_cast<Eigen::Index>(board.size());
-  Eigen::VectorXd residuals(4 * count);
-  for (Eigen::Index i = 0; i < count; ++i) {
-    residuals.segment<2>(2 * i) << left[i].x - pair.left[i].x, left[i].y - pair.left[i].y;
-    residuals.segment<2>(2 * (count + i)) << right[i].x - pair.right[i].x, right[i].y - pair.right[i].y;
-  }
-  return residuals;
-}
-
 Eigen::VectorXd fitBoardPose(const StereoParameters& camera, const std::vector<cv::Point3d>& board,
                              const BoardPair& pair) {
-  cv::Vec3d turn, shift;
-  if (!cv::solvePnP(board, pair.left, camera.K_left, camera.D_left, turn, shift))
-    throw CalibrationError("view " + pair.name + ": no pose of the board fits its corners; take the view out");
-  Eigen::VectorXd start(6);
-  start << turn[0], turn[1], turn[2], shift[0], shift[1], shift[2];
   const auto residuals = [&](std::size_t, const Eigen::VectorXd&, const Eigen::VectorXd& pose) {
     return reprojection(camera, board, pair, pose);
   };
-  return minimise(residuals, Eigen::VectorXd(0), {start}).own.front();
+  return minimise(residuals, Eigen::VectorXd(0), {startPose(camera, board, pair)}).own.front();
 }
 
 /// Root of the mean squared distance, two residuals making one point.
@@ -54,8 +30,8 @@ struct RectifiedPair {
 
 RectifiedPair reconstructCorners(const StereoModel& model, const BoardPair& pair) {
   RectifiedPair corners;
-  cv::undistortPoints(pair.left, corners.left, model.left.K, model.left.D, model.left.R, model.left.P);
-  cv::undistortPoints(pair.right, corners.right, model.right.K, model.right.D, model.right.R, model.right.P);
+  corners.left = rectifyPoints(model.left, pair.left);
+  corners.right = rectifyPoints(model.right, pair.right);
   const auto& P = model.left.P;
   for (std::size_t i = 0; i < corners.left.size(); ++i) {
     const double depth = depthOfDisparity(model, corners.left[i].x - corners.right[i].x);
@@ -99,12 +75,56 @@ PairErrors checkPair(const StereoParameters& parameters, const StereoModel& mode
   return errors;
 }
 
+/// Moves the rectified principal points so that what the middle of each raw image shows stays in the middle.
+void centre(const StereoParameters& parameters, const cv::Matx33d& R_left, const cv::Matx33d& R_right,
+            cv::Matx34d& P_left, cv::Matx34d& P_right) {
+  const cv::Point2d middle(0.5 * (parameters.size.width - 1), 0.5 * (parameters.size.height - 1));
+  const auto directionOf = [&](const CameraModel& camera, const cv::Matx33d& R) {
+    const cv::Point2d raw = directionsOf(camera, {middle}).front();
+    const cv::Vec3d turned = R * cv::Vec3d(raw.x, raw.y, 1);
+    return cv::Point2d(turned[0] / turned[2], turned[1] / turned[2]);
+  };
+  const cv::Point2d left = directionOf(parameters.left(), R_left), right = directionOf(parameters.right(), R_right);
+  P_left(0, 2) = middle.x - P_left(0, 0) * left.x;
+  P_right(0, 2) = middle.x - P_right(0, 0) * right.x;
+  P_left(1, 2) = P_right(1, 2) = middle.y - P_left(1, 1) * 0.5 * (left.y + right.y);
+}
+
 }  // namespace
 
 cv::Matx33d rotationOf(const cv::Vec3d& turn) {
   cv::Matx33d rotation;
   cv::Rodrigues(turn, rotation);
   return rotation;
+}
+
+Eigen::VectorXd reprojection(const StereoParameters& camera, const std::vector<cv::Point3d>& board,
+                             const BoardPair& pair, const Eigen::VectorXd& pose_left_board) {
+  const cv::Vec3d turn(pose_left_board(0), pose_left_board(1), pose_left_board(2));
+  const cv::Vec3d shift(pose_left_board(3), pose_left_board(4), pose_left_board(5));
+  cv::Vec3d turn_right;
+  cv::Rodrigues(camera.R_right_left * rotationOf(turn), turn_right);
+  const cv::Vec3d shift_right = camera.R_right_left * shift + camera.t_right_left;
+  const Corners left = projectPoints(camera.left(), board, turn, shift);
+  const Corners right = projectPoints(camera.right(), board, turn_right, shift_right);
+  const Eigen::Index count = static_cast<Eigen::Index>(board.size());
+  Eigen::VectorXd residuals(4 * count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    residuals.segment<2>(2 * i) << left[i].x - pair.left[i].x, left[i].y - pair.left[i].y;
+    residuals.segment<2>(2 * (count + i)) << right[i].x - pair.right[i].x, right[i].y - pair.right[i].y;
+  }
+  return residuals;
+}
+
+Eigen::VectorXd startPose(const StereoParameters& camera, const std::vector<cv::Point3d>& board,
+                          const BoardPair& pair) {
+  const auto T_left_board = locateBoard(camera.left(), board, pair.left);
+  if (!T_left_board)
+    throw CalibrationError("view " + pair.name + ": no pose of the board fits its corners; take the view out");
+  const cv::Vec3d turn = T_left_board->rvec(), shift = T_left_board->translation();
+  Eigen::VectorXd pose(6);
+  pose << turn[0], turn[1], turn[2], shift[0], shift[1], shift[2];
+  return pose;
 }
 
 double rmsReprojection(const StereoParameters& camera, const std::vector<cv::Point3d>& board, const BoardPair& pair) {
@@ -137,11 +157,14 @@ StereoModel rectify(const StereoParameters& parameters) {
   cv::Matx34d P_left, P_right;
   cv::Matx44d Q;
   constexpr double kKeepScale = -1;
-  cv::stereoRectify(parameters.K_left, parameters.D_left, parameters.K_right, parameters.D_right, parameters.size,
-                    parameters.R_right_left, parameters.t_right_left, R_left, R_right, P_left, P_right, Q, 0,
-                    kKeepScale);
-  StereoModel model{{parameters.size, parameters.K_left, parameters.D_left, R_left, P_left},
-                    {parameters.size, parameters.K_right, parameters.D_right, R_right, P_right}};
+  const bool fisheye = parameters.lens == LensModel::kEquidistant;  // which OpenCV's function does not know
+  const std::vector<double> none;
+  cv::stereoRectify(parameters.K_left, fisheye ? none : parameters.D_left, parameters.K_right,
+                    fisheye ? none : parameters.D_right, parameters.size, parameters.R_right_left,
+                    parameters.t_right_left, R_left, R_right, P_left, P_right, Q, 0, kKeepScale);
+  if (fisheye) centre(parameters, R_left, R_right, P_left, P_right);
+  StereoModel model{{parameters.size, parameters.K_left, parameters.lens, parameters.D_left, R_left, P_left},
+                    {parameters.size, parameters.K_right, parameters.lens, parameters.D_right, R_right, P_right}};
   model.validate();
   return model;
 }

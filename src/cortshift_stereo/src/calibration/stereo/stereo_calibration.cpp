@@ -6,6 +6,7 @@
 #include <opencv2/calib3d.hpp>
 
 #include "calibration/outliers.hpp"
+#include "calibration/stereo/lens_fits.hpp"
 #include "calibration/stereo/pair_check.hpp"
 #include "cortshift_flow/text.hpp"
 
@@ -14,75 +15,12 @@ namespace {
 
 using cortshift_flow::formatted;
 
-struct Candidate {
-  const char* name;
-  int flags;
-};
-const Candidate kCandidates[] = {
-    {"k1", cv::CALIB_FIX_K2 | cv::CALIB_FIX_K3 | cv::CALIB_ZERO_TANGENT_DIST},
-    {"k1 k2", cv::CALIB_FIX_K3 | cv::CALIB_ZERO_TANGENT_DIST},
-    {"k1 k2 p1 p2", cv::CALIB_FIX_K3},
-    {"k1 k2 p1 p2 k3", 0},
-};
 constexpr double kWorthATerm = 1.01;  // a simpler model may be this much worse on held-out pairs
 constexpr std::size_t kFolds = 6;
 constexpr double kOutlierFloorPx = 0.75;    // no view below is called an outlier
 constexpr double kOutlierFloorPose = 0.05;  // of the relative pose: radians, and share of the board's distance
 constexpr double kLargestFocalDeviation = 0.02;
 constexpr double kLeastTilt = 8 * CV_PI / 180;
-const cv::TermCriteria kUntilSettled(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 60, 1e-9);
-
-/// Point lists as OpenCV's calibration wants them.
-struct PointLists {
-  std::vector<std::vector<cv::Point3f>> board;
-  std::vector<std::vector<cv::Point2f>> left, right;
-
-  PointLists(const Board& shape, const std::vector<BoardPair>& pairs) {
-    const auto points = shape.points();
-    for (const auto& pair : pairs) {
-      board.emplace_back(points.begin(), points.end());
-      left.emplace_back(pair.left.begin(), pair.left.end());
-      right.emplace_back(pair.right.begin(), pair.right.end());
-    }
-  }
-};
-
-/// One camera alone.
-struct SingleCamera {
-  cv::Matx33d K;
-  std::vector<double> D;
-  std::vector<cv::Mat> turns, shifts;                                ///< the board's pose per view
-  std::vector<double> view_rms;                                      ///< [px]
-  double focal_deviation = std::numeric_limits<double>::infinity();  ///< relative
-};
-
-SingleCamera calibrateOne(const std::vector<std::vector<cv::Point3f>>& board,
-                          const std::vector<std::vector<cv::Point2f>>& seen, const cv::Size& size, int flags) {
-  SingleCamera camera;
-  cv::Mat K, D, deviations, pose_deviations, errors;
-  cv::calibrateCamera(board, seen, size, K, D, camera.turns, camera.shifts, deviations, pose_deviations, errors, flags);
-  camera.K = K;
-  D.reshape(1, 1).copyTo(camera.D);
-  errors.reshape(1, 1).copyTo(camera.view_rms);
-  const double fx = camera.K(0, 0), fy = camera.K(1, 1);
-  if (fx > 0 && fy > 0) camera.focal_deviation = std::max(deviations.at<double>(0) / fx, deviations.at<double>(1) / fy);
-  return camera;
-}
-
-StereoParameters calibrateBoth(const PointLists& points, const StereoParameters& start, int flags) {
-  StereoParameters fitted = start;
-  cv::Mat K_left(start.K_left), K_right(start.K_right), D_left(start.D_left, true), D_right(start.D_right, true);
-  cv::Mat R, t, essential, fundamental;
-  cv::stereoCalibrate(points.board, points.left, points.right, K_left, D_left, K_right, D_right, start.size, R, t,
-                      essential, fundamental, flags | cv::CALIB_USE_INTRINSIC_GUESS, kUntilSettled);
-  fitted.K_left = K_left;
-  fitted.K_right = K_right;
-  D_left.reshape(1, 1).copyTo(fitted.D_left);
-  D_right.reshape(1, 1).copyTo(fitted.D_right);
-  fitted.R_right_left = R;
-  fitted.t_right_left = t;
-  return fitted;
-}
 
 /// Root mean square angle between the boards' normals and the optical axis [rad].
 double rmsTilt(const SingleCamera& camera) {
@@ -92,6 +30,39 @@ double rmsTilt(const SingleCamera& camera) {
     squares += std::pow(std::atan2(std::hypot(R(0, 2), R(1, 2)), std::abs(R(2, 2))), 2);
   }
   return std::sqrt(squares / static_cast<double>(camera.turns.size()));
+}
+
+/// Share of the way from the middle to a corner of the image that the boards' corners reach in the worst quarter.
+double reachOf(const std::vector<std::vector<cv::Point2f>>& seen, const cv::Size& size) {
+  const cv::Point2d middle(0.5 * (size.width - 1), 0.5 * (size.height - 1));
+  double reach[4] = {0, 0, 0, 0};
+  for (const auto& corners : seen)
+    for (const auto& corner : corners) {
+      const cv::Point2d from_middle = cv::Point2d(corner) - middle;
+      double& quarter = reach[2 * (from_middle.y > 0) + (from_middle.x > 0)];
+      quarter = std::max(quarter, cv::norm(from_middle) / cv::norm(middle));
+    }
+  return *std::min_element(std::begin(reach), std::end(reach));
+}
+
+double rmsOf(const std::vector<double>& values) {
+  double squares = 0;
+  for (const double value : values) squares += value * value;
+  return std::sqrt(squares / static_cast<double>(values.size()));
+}
+
+/// What the verdict wants to know of each camera alone.
+void describeCamerasAlone(const Board& board, const cv::Size& size, const std::vector<BoardPair>& pairs,
+                          StereoCalibration& calibration) {
+  const PointLists points(board, pairs);
+  const SingleCamera left = calibrateOne(points.board, points.left, size, kTangentialLens);
+  const SingleCamera right = calibrateOne(points.board, points.right, size, kTangentialLens);
+  calibration.left_alone_rms = rmsOf(left.view_rms);
+  calibration.right_alone_rms = rmsOf(right.view_rms);
+  calibration.reach = std::min(reachOf(points.left, size), reachOf(points.right, size));
+  std::vector<double> distances;
+  for (const auto& shift : left.shifts) distances.push_back(cv::norm(shift));
+  calibration.distance = median(distances);
 }
 
 double angleBetween(const cv::Matx33d& a, const cv::Matx33d& b) {
@@ -135,13 +106,13 @@ class Screening {
  private:
   std::pair<SingleCamera, SingleCamera> singleCameras() const {
     const PointLists points(board_, pairs_);
-    return {calibrateOne(points.board, points.left, size_, kCandidates[0].flags),
-            calibrateOne(points.board, points.right, size_, kCandidates[0].flags)};
+    return {calibrateOne(points.board, points.left, size_, kPaperLens),
+            calibrateOne(points.board, points.right, size_, kPaperLens)};
   }
 
   bool rejectBySide(const std::string& side, std::vector<std::vector<cv::Point2f>> PointLists::*seen) {
     const PointLists points(board_, pairs_);
-    const auto errors = calibrateOne(points.board, points.*seen, size_, kCandidates[0].flags).view_rms;
+    const auto errors = calibrateOne(points.board, points.*seen, size_, kPaperLens).view_rms;
     return rejectWorst(errors, kOutlierFloorPx, [&](double error, double typical) {
       return side + " corners are off by " + formatted("%.2f px RMS where %.2f px is typical", error, typical) +
              "; is the image blurred, or the board bent or partly hidden?";
@@ -169,12 +140,12 @@ class Screening {
     return rejectWorst(differences, kOutlierFloorPose, [](double, double) {
       return std::string(
           "left and right corners do not fit one another: with them the right camera would have another pose in the "
-          "left one than in the other views; are the two images of the same moment?");
+          "left one than in the other views; are the two images of the same moment, and is neither mirrored?");
     });
   }
 
   bool rejectByJointFit() {
-    const auto parameters = calibrateBoth(PointLists(board_, pairs_), start(), kCandidates[1].flags);
+    const auto parameters = calibrateBoth(PointLists(board_, pairs_), start(), kRadialLens);
     const auto points = board_.points();
     std::vector<double> errors;
     for (const auto& pair : pairs_) errors.push_back(rmsReprojection(parameters, points, pair));
@@ -224,13 +195,13 @@ class Screening {
 };
 
 SetErrors crossValidate(const Board& board, const std::vector<BoardPair>& pairs, const StereoParameters& start,
-                        int flags, const std::function<void()>& fold_done) {
+                        const JointFit& fit, const std::function<void()>& fold_done) {
   const std::size_t folds = std::min(kFolds, pairs.size());
   std::vector<PairErrors> errors;
   for (std::size_t fold = 0; fold < folds; ++fold) {
     std::vector<BoardPair> kept, held_out;
     for (std::size_t i = 0; i < pairs.size(); ++i) (i % folds == fold ? held_out : kept).push_back(pairs[i]);
-    const auto parameters = calibrateBoth(PointLists(board, kept), start, flags);
+    const auto parameters = fit(board, kept, start);
     for (const auto& pair : checkPairs(parameters, board, held_out).pairs) errors.push_back(pair);
     fold_done();
   }
@@ -241,10 +212,10 @@ SetErrors crossValidate(const Board& board, const std::vector<BoardPair>& pairs,
 }  // namespace
 
 StereoCalibration calibrateStereo(const Board& board, const cv::Size& size, const std::vector<BoardPair>& pairs,
-                                  const std::function<void(double)>& progress) {
+                                  const std::function<void(double)>& progress, LensModel lens) {
   const Screening screening(board, size, pairs);
   StereoCalibration calibration;
-  calibration.rejected = screening.rejected();
+  calibration.rejected = calibration.screened = screening.rejected();
   calibration.focal_deviation = screening.focalDeviation();
   if (!(calibration.focal_deviation <= kLargestFocalDeviation))
     throw CalibrationError(
@@ -253,21 +224,23 @@ StereoCalibration calibrateStereo(const Board& board, const cv::Size& size, cons
         "; the boards are too parallel: take views tilted by 20 to 40 degrees in all directions");
 
   const StereoParameters start = screening.start();
-  const double steps = static_cast<double>(std::size(kCandidates) * std::min(kFolds, screening.pairs().size()));
+  const auto fits = fitsOf(lens);
+  const double steps = static_cast<double>(fits.size() * std::min(kFolds, screening.pairs().size()));
   int done = 0;
   const auto fold_done = [&] {
     if (progress) progress(++done / steps);
   };
   double best = std::numeric_limits<double>::infinity();
-  for (const auto& candidate : kCandidates) {
+  for (const auto& candidate : fits) {
     calibration.scores.push_back(
-        {candidate.name, crossValidate(board, screening.pairs(), start, candidate.flags, fold_done)});
+        {candidate.name, crossValidate(board, screening.pairs(), start, candidate.fit, fold_done)});
     best = std::min(best, calibration.scores.back().held_out.reprojection_rms);
   }
   std::size_t chosen = 0;
   while (calibration.scores[chosen].held_out.reprojection_rms > kWorthATerm * best) ++chosen;
-  calibration.model = kCandidates[chosen].name;
-  calibration.parameters = calibrateBoth(PointLists(board, screening.pairs()), start, kCandidates[chosen].flags);
+  calibration.model = fits[chosen].name;
+  calibration.parameters = fits[chosen].fit(board, screening.pairs(), start);
+  describeCamerasAlone(board, size, screening.pairs(), calibration);
   calibration.used = checkPairs(calibration.parameters, board, screening.pairs());
   return calibration;
 }

@@ -1,5 +1,6 @@
 #include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <ctime>
 #include <filesystem>
@@ -8,6 +9,7 @@
 
 #include "calibration/yaml_file.hpp"
 #include "cortshift_stereo/calibration/camera_info_yaml.hpp"
+#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -37,10 +39,12 @@ const DistortionScore& chosenScore(const StereoCalibration& calibration) {
 }
 
 /// The paper's eleven numbers of Eq. 1 per camera and pair: f, S_x, k1, Cx, Cy, and the pose.
-std::string cameraText(const std::string& side, const cv::Matx33d& K, const std::vector<double>& D) {
+std::string cameraText(const std::string& side, const cv::Matx33d& K, LensModel lens, const std::vector<double>& D) {
+  std::string terms = termsOf(lens);
+  std::replace(terms.begin(), terms.end(), ' ', '_');
   return side + ": {focal_length_px: " + exactText(K(1, 1)) + ", aspect_fx_over_fy: " + exactText(K(0, 0) / K(1, 1)) +
-         ", cx_px: " + exactText(K(0, 2)) + ", cy_px: " + exactText(K(1, 2)) +
-         ", distortion_k1_k2_p1_p2_k3: " + exactText(D) + "}\n";
+         ", cx_px: " + exactText(K(0, 2)) + ", cy_px: " + exactText(K(1, 2)) + ", distortion_" + terms + ": " +
+         exactText(D) + "}\n";
 }
 
 }  // namespace
@@ -64,18 +68,25 @@ std::string reportText(const StereoReport& report) {
   text << "# Calibration of the stereo head. Held-out errors are of views that took no part in the fit that they\n"
           "# check; the board's pose is fitted to both images of a view at once. Distances between points are\n"
           "# root mean squares; corner_spacing_error is the mean |distance of neighbouring corners - square|.\n"
-       << "date: " << report.date << "\nimages: " << YAML::Dump(YAML::Node(report.images)) << "\n"
+       << report.verdict.yaml() << "date: " << report.date << "\nimages: " << YAML::Dump(YAML::Node(report.images))
+       << "\n"
        << "board: {inner_corners: " << report.board.name()
        << ", square_mm: " << exactText(report.board.square / kMillimetre) << "}\n"
        << "image_size_px: [" << parameters.size.width << ", " << parameters.size.height << "]\n"
-       << cameraText("left", parameters.K_left, parameters.D_left)
-       << cameraText("right", parameters.K_right, parameters.D_right) << "left_in_right: {rotation_vector_deg: "
+       << cameraText("left", parameters.K_left, parameters.lens, parameters.D_left)
+       << cameraText("right", parameters.K_right, parameters.lens, parameters.D_right)
+       << "left_in_right: {rotation_vector_deg: "
        << exactText({turn[0] * to_degrees, turn[1] * to_degrees, turn[2] * to_degrees}) << ", translation_mm: "
        << exactText({parameters.t_right_left[0] / kMillimetre, parameters.t_right_left[1] / kMillimetre,
                      parameters.t_right_left[2] / kMillimetre})
        << "}\n"
        << "baseline_mm: " << fixedText(cv::norm(parameters.t_right_left) / kMillimetre, 4) << "\n"
        << "focal_length_deviation_percent: " << fixedText(100 * calibration.focal_deviation, 3) << "\n"
+       << "lens: " << nameOf(parameters.lens)
+       << "\nreprojection_rms_alone_px: {left: " << fixedText(calibration.left_alone_rms, 4)
+       << ", right: " << fixedText(calibration.right_alone_rms, 4) << "}  # each camera without the other\n"
+       << "reach: " << fixedText(calibration.reach, 2) << "  # of the corners, towards the worst corner of the image\n"
+       << "board_distance_mm: " << fixedText(calibration.distance / kMillimetre, 1) << "\n"
        << "distortion_model: " << calibration.model
        << "  # fewest terms within 1 % of the lowest cross-validated reprojection error\n"
        << "cross_validation:\n";
@@ -95,9 +106,10 @@ std::string reportText(const StereoReport& report) {
 
 std::string remarksText(const StereoReport& report) {
   const auto& held_out = chosenScore(report.calibration).held_out;
-  return "Calibrated " + report.date + " from " + std::to_string(report.calibration.used.pairs.size()) +
-         " views of a " + report.board.name() + " board with squares of " +
-         exactText(report.board.square / kMillimetre) + " mm.\nDistortion: " + report.calibration.model +
+  return report.verdict.line() + "\nCalibrated " + report.date + " from " +
+         std::to_string(report.calibration.used.pairs.size()) + " views of a " + report.board.name() +
+         " board with squares of " + exactText(report.board.square / kMillimetre) +
+         " mm.\nLens: " + nameOf(report.calibration.parameters.lens) + ", terms " + report.calibration.model +
          ". Reprojection RMS " + fixedText(report.calibration.used.reprojection_rms, 3) + " px, on held-out views " +
          fixedText(held_out.reprojection_rms, 3) + " px, epipolar " + fixedText(held_out.epipolar_rms, 3) + " px.";
 }
@@ -107,8 +119,10 @@ void writeStereoCalibration(const std::string& folder, const StereoReport& repor
   makeFolder(folder);
   const std::filesystem::path place(folder);
   const std::string remarks = remarksText(report);
-  writeCameraInfoYaml((place / "left.yaml").string(), {"left", model.left}, remarks);
-  writeCameraInfoYaml((place / "right.yaml").string(), {"right", model.right}, remarks);
+  if (report.verdict.grade() != Grade::kUseless) {
+    writeCameraInfoYaml((place / "left.yaml").string(), {"left", model.left}, remarks);
+    writeCameraInfoYaml((place / "right.yaml").string(), {"right", model.right}, remarks);
+  }
   writeTextFile((place / "report.yaml").string(), reportText(report));
 }
 

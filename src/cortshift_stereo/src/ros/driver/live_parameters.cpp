@@ -34,6 +34,7 @@ void LiveParameters::read(ParameterReader& reader) {
   reader.number("aravis/reconnect_max", aravis.reconnect_max, 0.05, 600.0);
   reader.choice("folder", folder);
   reader.flag("loop", loop);
+  reader.number("image_bits", image_bits, 0, 16);
 }
 
 void LiveParameters::require(const std::string& source, const std::string& name_space) const {

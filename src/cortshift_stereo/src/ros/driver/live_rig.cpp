@@ -56,7 +56,7 @@ LiveRig::LiveRig(const StereoDriverParameters& parameters)
   if (parameters.source == "aravis")
     source_ = cameras_ = std::make_shared<AravisSource>(live.aravis, model);
   else
-    source_ = std::make_shared<FolderSource>(live.folder, live.loop, model, rosNow);
+    source_ = std::make_shared<FolderSource>(live.folder, live.loop, model, rosNow, live.image_bits);
   sendStaticTransforms(model, live.hand_eye);
   if (!cameras_) return;
   updater_.setHardwareID(live.aravis.left.device + " " + live.aravis.right.device);

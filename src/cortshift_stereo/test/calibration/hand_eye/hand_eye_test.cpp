@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "cortshift_stereo/calibration/hand_eye/hand_eye_verdict.hpp"
 #include "simulated_hand_eye.hpp"
 
 namespace cortshift_stereo {
@@ -113,6 +114,61 @@ TEST(HandEye, RefusesPosesOfTheWrongDirection) {
   auto views = truth.views(20, 0.25e-3, 0.1 * kDegree, 0.1, random);
   for (auto& view : views) view.T_reference_microscope = view.T_reference_microscope.inv();
   EXPECT_THAT(refusal(truth, views), testing::HasSubstr("not the inverse"));
+}
+
+/// As the tool says it.
+std::string verdictOf(const SimulatedHandEye& truth, const std::vector<HandEyeView>& views,
+                      const HandEyeSettings& settings = {}) {
+  try {
+    return judgeHandEye(calibrateHandEye(truth.left, truth.board, views, settings)).line();
+  } catch (const CalibrationError& fault) {
+    return std::string("verdict: useless: ") + fault.what();
+  }
+}
+
+TEST(HandEyeVerdict, SaysWhatIsMissing) {
+  SimulatedHandEye truth;
+  std::mt19937 random(7);
+  EXPECT_EQ(verdictOf(truth, truth.views(40, 0.1e-3, 0.04 * kDegree, 0.1, random)), "verdict: good");
+  truth.largest_tilt = 11 * kDegree;
+  EXPECT_THAT(verdictOf(truth, truth.views(40, 0.1e-3, 0.04 * kDegree, 0.1, random)),
+              testing::AllOf(testing::StartsWith("verdict: doubtful: "), testing::HasSubstr("about a second axis")));
+  truth.largest_tilt = 2 * kDegree;
+  EXPECT_THAT(verdictOf(truth, truth.views(20, 0.1e-3, 0.04 * kDegree, 0.1, random)),
+              testing::AllOf(testing::StartsWith("verdict: useless: "), testing::HasSubstr("about a second axis")));
+  truth.largest_tilt = 30 * kDegree;
+  HandEyeSettings coarse;  // a tracker that is known to be a poor one
+  coarse.tracker_position_sd = 2e-3;
+  coarse.tracker_rotation_sd = 1 * kDegree;
+  EXPECT_THAT(verdictOf(truth, truth.views(8, 2e-3, 1 * kDegree, 0.1, random), coarse),
+              testing::AllOf(testing::StartsWith("verdict: useless: "), testing::HasSubstr("take more views")));
+  HandEyeSettings precise;  // a tracker that is said to be better than it is
+  precise.tracker_position_sd = 0.08e-3;
+  precise.tracker_rotation_sd = 0.03 * kDegree;
+  EXPECT_THAT(verdictOf(truth, truth.views(30, 0.25e-3, 0.1 * kDegree, 0.1, random), precise),
+              testing::HasSubstr("times the tracker's accuracy"));
+}
+
+TEST(HandEyeVerdict, AWrongSquareAndSwappedImagesAreUseless) {
+  SimulatedHandEye truth;
+  std::mt19937 random(8);
+  auto views = truth.views(20, 0.1e-3, 0.04 * kDegree, 0.1, random);
+  truth.board.square = 0.012;
+  EXPECT_THAT(verdictOf(truth, views),
+              testing::AllOf(testing::StartsWith("verdict: useless: "), testing::HasSubstr("side of a square right")));
+  truth.board.square = 0.006;
+  for (std::size_t i = 0; i + 1 < views.size(); i += 2) std::swap(views[i].corners, views[i + 1].corners);
+  EXPECT_THAT(verdictOf(truth, views), testing::StartsWith("verdict: useless: "));
+}
+
+/// The camera's lens is what its file says, whatever it is.
+TEST(HandEye, IsExactThroughAFisheye) {
+  SimulatedHandEye truth;
+  truth.left.lens = LensModel::kEquidistant;
+  truth.left.D = {-0.1, 0.3, 0, 0};
+  std::mt19937 random(9);
+  const auto result = calibrateHandEye(truth.left, truth.board, truth.views(12, 0, 0, 0, random));
+  EXPECT_LT(errorsOf(truth, result.T_microscope_left).translation, 1e-7);
 }
 
 TEST(HandEye, RefusesTooFewViewsAndABoardWithoutEnds) {

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "cortshift_stereo/calibration/settings/settings_calibration.hpp"
+#include "cortshift_stereo/calibration/settings/settings_verdict.hpp"
 #include "scratch_folder.hpp"
 #include "simulated_zoom_head.hpp"
 
@@ -116,6 +117,30 @@ BothSides calibrateBothSides(const SimulatedZoomHead& head, double noise, unsign
 void print(const char* what, const SurfaceErrors& errors) {
   std::printf("%s: along the axis %.3f mm (worst setting %.3f), across %.4f mm (%.4f)\n", what, errors.along * 1e3,
               errors.worst_along * 1e3, errors.across * 1e3, errors.worst_across * 1e3);
+}
+
+TEST(SettingsVerdict, SaysWhatIsMissing) {
+  const SimulatedZoomHead head;
+  std::mt19937 random(3);
+  const auto views = viewsOf(head, Side::kLeft, kCornerNoise, random);
+  const auto good = calibrateSettings(head.size, head.reference, views);
+  EXPECT_EQ(judgeSettings(good, good).line(), "verdict: good");
+  EXPECT_THAT(judgeSettings(good, good, views.size()).line(),
+              testing::AllOf(testing::StartsWith("verdict: doubtful: "), testing::HasSubstr("show no board")));
+  std::vector<SettingView> small, moved = views;
+  const std::size_t small_board = 11 * 8;
+  for (const auto& view : views)
+    if (view.at_setting.size() == small_board) small.push_back(view);
+  EXPECT_THAT(judgeSettings(calibrateSettings(head.size, head.reference, small), good).line(),
+              testing::HasSubstr("left: boards cover"));
+  for (std::size_t i = 0; i < moved.size(); ++i)  // the board crept on from setting to setting
+    for (auto& corner : moved[i].at_setting) corner += 4 * cv::Point2d(i % 3 - 1.0, i % 2);
+  try {
+    EXPECT_THAT(judgeSettings(calibrateSettings(head.size, head.reference, moved), good).line(),
+                testing::StartsWith("verdict: useless: "));
+  } catch (const CalibrationError& fault) {
+    EXPECT_THAT(fault.what(), testing::HasSubstr("check that the board never moved"));
+  }
 }
 
 TEST(SettingsWarp, SurfacesAt47RandomSettingsAreAsAtTheReference) {

@@ -1,4 +1,4 @@
-// Files that are there whole or not at all, whatever happens while they are written.
+// Durable files (cortshift_stereo/durable_file.hpp) whose faults are refusals of a case.
 #pragma once
 
 #include <cstddef>
@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <string>
 
+#include "cortshift_stereo/durable_file.hpp"
 #include "cortshift_tracking/error.hpp"
 
 namespace cortshift_tracking {
@@ -17,17 +18,13 @@ class UnreadableFile : public TrackingError {
 };
 
 /// Ending of a file that is still being written; what a crash leaves has it.
-extern const char* const kPartialEnding;
+using cortshift_stereo::kPartialEnding;
 
-/// Writes `bytes` to a temporary name beside `path`, syncs, renames and syncs the folder. When this returns, the file
-/// survives a power cut; an existing file is never replaced.
-/// @throws TrackingError naming the file and the system's reason; nothing is left behind then
+/// Never replaces a file. @throws TrackingError naming the file and the system's reason; nothing is left behind then
 void writeDurably(const std::filesystem::path& path, const void* bytes, std::size_t size);
 
-/// The same for a file that may exist: at any instant either the old content is there or the new.
-/// @throws TrackingError naming the file and the system's reason; then the old content is still there, unless the
-/// folder
-///         could not be synced
+/// For a file that may exist: at any instant either the old content is there or the new.
+/// @throws TrackingError; then the old content is still there, unless the folder could not be synced
 void replaceDurably(const std::filesystem::path& path, const void* bytes, std::size_t size);
 
 /// Renames within one file system without replacing anything and syncs both folders. @throws TrackingError

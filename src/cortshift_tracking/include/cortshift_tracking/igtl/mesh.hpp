@@ -36,7 +36,8 @@ struct LinkMesh {
 LinkMesh makeMesh(const PointGrid& grid, int step, const LinkSpace& space);
 
 /// Writes a legacy VTK file (binary PolyData) of the mesh: point data `displacement` [mm], `confidence`, `rgb`.
-/// The title says the axes in the form that 3D Slicer reads. Written beside and renamed: never half there.
+/// The title says the axes in the form that 3D Slicer reads. Durably: never half there.
+/// By hand: libvtk9-dev brings 98 Debian packages (252 MB) for 40 lines.
 /// @throws std::runtime_error naming the file and the cause.
 void writeVtk(const std::string& path, const std::string& title, const LinkMesh& mesh, Axes axes);
 

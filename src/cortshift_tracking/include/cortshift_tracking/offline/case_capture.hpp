@@ -17,7 +17,9 @@ namespace cortshift_tracking {
 class CaseCapture {
  public:
   CaseCapture(const CaseRecording& recording, const OfflineParameters& parameters)
-      : recording_(recording), parameters_(parameters) {}
+      : recording_(recording),
+        parameters_(parameters),
+        depth_(std::make_shared<cortshift_stereo::BitDepth>(parameters.reconstruction.image_bits)) {}
 
   /// @param remarks  gets what a person should know about what is missing
   /// @throws TrackingError naming the stage and, of the last pair that was tried, why it gave no surface
@@ -40,6 +42,7 @@ class CaseCapture {
 
   const CaseRecording& recording_;
   OfflineParameters parameters_;
+  std::shared_ptr<cortshift_stereo::BitDepth> depth_;  // one for the case
 };
 
 /// What a stage keeps of the pair that it was made from, as messages of a pair again.

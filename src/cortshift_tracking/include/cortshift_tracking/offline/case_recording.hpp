@@ -69,13 +69,17 @@ class CaseRecording {
   /// The same for all that was recorded within [from, to], which must not be longer than half a minute.
   cortshift_stereo::PoseSource posesWithin(const ros::Time& from, const ros::Time& to, double max_pose_gap) const;
 
+  /// When a fixed edge of tf next becomes another one.
+  std::optional<ros::Time> fixedEdgeChangesAfter(const ros::Time& time) const;
+
   /// When the patient registration became another one, for the last time up to `time`.
   std::optional<ros::Time> registrationChanged(const ros::Time& time) const;
 
   static const std::vector<std::string>& topics();
 
  private:
-  cortshift_stereo::TransformTree transforms(const ros::Time& from, const ros::Time& to, double max_pose_gap) const;
+  cortshift_stereo::TransformTree transforms(const ros::Time& from, const ros::Time& to, const ros::Time& fixed_until,
+                                             double max_pose_gap) const;
   sensor_msgs::CameraInfoConstPtr infoOf(const std::string& topic, const PairPlace& pair) const;
   cortshift_msgs::MicroscopeSettingsConstPtr settingsOf(const ros::Time& stamp, const ros::Time& arrival) const;
   ros::Time calibratedSince(const std::string& topic, const sensor_msgs::CameraInfo& info,

@@ -9,11 +9,11 @@ from cortshift_tracking.durable import replacing
 from cortshift_tracking.poses import pose_message
 
 
-def summarise(field, overlap, seconds, first_normal_pmr, gravity_pmr=None):
+def summarise(field, overlap, seconds, first_normal_pmr, gravity_pmr=None, warnings=()):
     """ShiftSummary of a field (section 2.7.2).
 
     overlap: share of the earlier surface that the later one covers (0-1). seconds: it took. first_normal_pmr: average normal of
-    the case's first stage; gravity_pmr: direction of gravity, or None; unit vectors.
+    the case's first stage; gravity_pmr: direction of gravity, or None; unit vectors. warnings: what is doubtful of what it is made from.
     """
     valid = field.displacement[field.valid]
     normal = valid @ first_normal_pmr
@@ -25,7 +25,7 @@ def summarise(field, overlap, seconds, first_normal_pmr, gravity_pmr=None):
         values[f'{name}_mean'], values[f'{name}_sd'] = float(part.mean()), float(part.std(ddof=1))
     angle = float('nan') if gravity_pmr is None else float(np.arccos(np.clip(first_normal_pmr @ gravity_pmr, -1, 1)))
     return ShiftSummary(from_key=field.from_key, to_key=field.to_key, valid_points=len(valid), overlap=overlap,
-                        gravity_normal_angle=angle, compute_time=seconds, **values)
+                        gravity_normal_angle=angle, compute_time=seconds, warnings=list(warnings), **values)
 
 
 def to_message(field, summary):

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import List
 
 import numpy as np
-import yaml
 
 from cortshift_tracking.case.bag_reading import open_bag
 from cortshift_tracking.case.messages import MR_KEY, Field, Stage, field_from_message, stage_from_messages
@@ -18,6 +17,7 @@ from cortshift_tracking.errors import CaseError, ProbeError
 from cortshift_tracking.geometry import LEAST_POINTS, local_frame
 from cortshift_tracking.probe.points import GRAVITY_LABELS, gravity_direction
 from cortshift_tracking.probe.store import FILE_NAME, read_points
+from cortshift_tracking.texts import read_yaml
 
 LEFT_ALONE = ('set_aside', 'deleted')
 SAME_STAMP = 1e-5  # stamps that differ by less are of one exposure [s]; a stamp in a double is good to 1e-6
@@ -142,13 +142,7 @@ class _Found:
         self.points += read_points(os.path.dirname(path))
 
     def read_calibration(self, path):
-        try:
-            with open(path, encoding='utf-8') as file:
-                content = yaml.safe_load(file)
-        except OSError as error:
-            raise CaseError(f'cannot be read ({error.strerror})') from error
-        except (UnicodeDecodeError, yaml.YAMLError) as error:
-            raise CaseError(f'not YAML{_line_of(error)}; restore it from a copy') from error
+        content = read_yaml(path)
         if isinstance(content, dict):
             self.calibrations[os.path.basename(path)] = content
 
@@ -184,8 +178,3 @@ def gravity_of(points):
     if not set(GRAVITY_LABELS.values()) <= set(pair):
         return None
     return gravity_direction(pair[GRAVITY_LABELS['upper']], pair[GRAVITY_LABELS['lower']])
-
-
-def _line_of(error):
-    mark = getattr(error, 'problem_mark', None)
-    return f' (line {mark.line + 1})' if mark else ''

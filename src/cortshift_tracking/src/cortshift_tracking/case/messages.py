@@ -37,7 +37,7 @@ def _vectors(arrays, *names):
 class Stage:
     """A captured surface. points (H, W, 3) in pmr [m], NaN where none; colour (H, W, 3) uint8 RGB; confidence (H, W) 0-1.
 
-    stamp, coverage as in StageInfo. T_pmr_left (4, 4): left camera, or None where its pose is not known.
+    stamp, coverage, warnings as in StageInfo. T_pmr_left (4, 4): left camera, or None where its pose is not known.
     """
     key: str
     note: str

@@ -11,6 +11,7 @@ import subprocess
 import time
 
 from cortshift_tracking.durable import write_durably
+from cortshift_tracking.errors import CaseError
 
 INTERRUPTED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)   # somebody stopped the cohort, not this case
 TABLE = 'table_3.csv'
@@ -91,5 +92,15 @@ def write_result(path, result):
 
 
 def read_result(path):
-    with open(path, encoding='utf-8') as file:
-        return json.load(file)
+    """A result of write_result. Raises CaseError where it is none, OSError."""
+    try:
+        with open(path, encoding='utf-8') as file:
+            result = json.load(file)
+        return {key: result[key] for key in line_result(0, '')}
+    except (ValueError, KeyError, TypeError) as error:
+        raise CaseError(f'{path}: is no whole result of a case; process the case again') from error
+
+
+def line_result(line, reason):
+    """The result of a line of the sheet that makes no case."""
+    return {'case': f'line {line}', 'status': 'failed', 'reason': reason, 'seconds': 0.0, 'peak_memory_mb': 0, 'table': []}

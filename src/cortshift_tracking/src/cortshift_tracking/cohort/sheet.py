@@ -2,15 +2,16 @@
 
 Columns: case (1-64 of A-Z a-z 0-9 _ -), bag, stages (KEY@SECONDS ..., or a plan file *.yaml as process_bag takes it),
 calibration (YAML of static transforms that the bag lacks; may be empty), and as one likes: shifts (FROM:TO ...; by default
-every stage to the next one and the first to the last), gravity (x,y,z in pmr). Paths are relative to the sheet.
+every stage to the next one and the first to the last), gravity (x,y,z in pmr). Paths are relative to the sheet. A line that makes
+no case is left out and named, here and in the cohort's table. Commas, semicolons or tabs may separate; see texts.py.
 """
-import csv
 import os
 from dataclasses import dataclass
 from typing import Dict, List
 
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.keys import RULE, all_pairs, is_key
+from cortshift_tracking.texts import read_table
 
 REQUIRED = ('case', 'bag', 'stages', 'calibration')
 OPTIONAL = ('shifts', 'gravity')
@@ -45,42 +46,54 @@ class CohortCase:
         return [path for path in (self.bag, self.plan, self.calibration) if path and os.path.exists(path)]
 
 
-def _case(row, folder, where):
+def _case(row, folder):
+    """CohortCase of one line. Raises CaseError naming the column."""
+    cells = row.cells
     for column in REQUIRED[:3]:
-        if not row[column]:
-            raise CaseError(f'{where}: column {column} is empty')
-    if not is_key(row['case']):
-        raise CaseError(f'{where}: case "{row["case"]}" is not {RULE}')
+        if not cells[column]:
+            raise CaseError(f'column {column} is empty')
+    if not is_key(cells['case']):
+        raise CaseError(f'case "{cells["case"]}" is not {RULE}')
 
     def path(column):
-        return os.path.normpath(os.path.join(folder, row[column])) if row.get(column) else ''
-    plan = path('stages') if row['stages'].endswith('.yaml') else ''
-    stages = [] if plan else row['stages'].split()
-    shifts = (row.get('shifts') or '').split() or [
+        return os.path.normpath(os.path.join(folder, os.path.expanduser(cells[column]))) if cells.get(column) else ''
+    plan = path('stages') if cells['stages'].endswith('.yaml') else ''
+    times = cells['stages'].replace(',', '.') if row.decimal_comma else cells['stages']
+    stages = [] if plan else times.split()
+    shifts = cells.get('shifts', '').split() or [
         f'{first}:{last}' for first, last in all_pairs([stage.rpartition('@')[0] for stage in stages])]
-    return CohortCase(row['case'], path('bag'), stages, plan, path('calibration'), shifts, row.get('gravity') or '')
+    return CohortCase(cells['case'], path('bag'), stages, plan, path('calibration'), shifts, cells.get('gravity', ''))
 
 
-def read_sheet(path) -> Dict[str, CohortCase]:
-    """Cases by name, in the order of the sheet. Raises CaseError naming line and column, OSError."""
-    cases = {}
-    with open(path, encoding='utf-8', newline='') as file:
-        reader = csv.DictReader(file)
-        columns = [name.strip() for name in reader.fieldnames or []]
-        missing = [name for name in REQUIRED if name not in columns]
-        unknown = [name for name in columns if name not in REQUIRED + OPTIONAL]
-        if missing or unknown:
-            raise CaseError(f'{path}: columns missing: {", ".join(missing) or "none"}; unknown: {", ".join(unknown) or "none"}; '
-                            f'needed are {", ".join(REQUIRED)}, possible {", ".join(OPTIONAL)}')
-        reader.fieldnames = columns
-        for row in reader:
-            where = f'{path}, line {reader.line_num}'
-            if None in row or None in row.values():
-                raise CaseError(f'{where}: it has another number of columns than the first line')
-            case = _case({name: value.strip() for name, value in row.items()}, os.path.dirname(os.path.abspath(path)), where)
-            if case.name in cases:
-                raise CaseError(f'{where}: case "{case.name}" stands twice')
-            cases[case.name] = case
+@dataclass(frozen=True)
+class Sheet:
+    """Cases by name, in the order of the sheet; left_out: (line, reason) of the lines that make no case."""
+    cases: Dict[str, CohortCase]
+    left_out: List[tuple]
+
+
+def read_sheet(path) -> Sheet:
+    """A sheet as spreadsheets write it. Raises CaseError where no line can be read, or columns are missing."""
+    table = read_table(path)
+    missing = [name for name in REQUIRED if name not in table.columns]
+    unknown = [name for name in table.columns if name not in REQUIRED + OPTIONAL]
+    if missing or unknown:
+        raise CaseError(f'{path}: columns missing: {", ".join(missing) or "none"}; unknown: {", ".join(unknown) or "none"}; '
+                        f'needed are {", ".join(REQUIRED)}, possible {", ".join(OPTIONAL)}')
+    cases, lines, left_out = {}, {}, list(table.bad)
+    for row in table.rows:
+        try:
+            case = _case(row, os.path.dirname(os.path.abspath(path)))
+        except CaseError as error:
+            left_out.append((row.line, str(error)))
+            continue
+        lines.setdefault(case.name, []).append(row.line)
+        cases[case.name] = case
+    for name, several in lines.items():
+        if len(several) > 1:  # which of them is meant nobody knows
+            left_out += [(line, f'case "{name}" stands twice, in lines {" and ".join(map(str, several))}') for line in several]
+            del cases[name]
+    left_out.sort()
     if not cases:
-        raise CaseError(f'{path}: holds no case')
-    return cases
+        raise CaseError(f'{path}: holds no case' + ''.join(f'; line {line}: {reason}' for line, reason in left_out))
+    return Sheet(cases, left_out)

@@ -6,8 +6,9 @@ from typing import Optional, Tuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from cortshift_tracking.tracker_state import NOT_KNOWN, TRACKER_STATE
+
 SILENCE = 4.0          # s without diagnostics after which a node counts as silent
-TRACKER_STATE = 'shift_tracker: state'
 NODES = ('stereo_driver', 'surface_reconstruction', 'shift_tracker')
 
 
@@ -68,7 +69,7 @@ class GraphState:
         said = {pair.key: pair.value for pair in fresh[TRACKER_STATE][0].values}
         live = said.get('live_from') if said.get('live') != 'off' else ''
         gravity, exclusions = said.get('gravity'), said.get('excluded_stages')
-        return TrackerState(live, None if gravity is None else gravity != 'not known',
+        return TrackerState(live, None if gravity is None else gravity != NOT_KNOWN,
                             None if exclusions is None else tuple(exclusions.replace(',', ' ').split()))
 
     def warnings(self):

@@ -20,9 +20,9 @@ PROFILE_STEP = 0.0001  # along a search line [m]
 class CortexSettings:
     """How the cortex is looked for. Lengths [m]."""
     resolution: float = 0.0003      # of the surface's grid
-    reach: float = 0.012            # the cortex lies at most this far from the guiding surface
-    mask_step: float = 0.0006       # of the grid that the brain is told from skull and dura on
-    opening: float = 0.0012         # sheets thinner than twice this (dura) are cut off the brain
+    reach: float = 0.012            # the cortex is looked for up to this distance from the guiding surface
+    mask_step: float = 0.0006       # of the grid on which brain is separated from skull and dura
+    opening: float = 0.0012         # layers thinner than twice this (the dura) are removed from the brain
     brain_share: float = 0.45       # of the typical brain intensity; darker is cerebrospinal fluid, bone or air
     edge_reach: float = 0.0015      # around the outermost brain voxel, where the edge is then found to sub-voxel accuracy
     smoothing: float = 0.0003       # standard deviation of the final smoothing along the surface
@@ -58,19 +58,19 @@ def _edges(profile, t):
     step = t[1] - t[0]
     slope = np.gradient(profile, step, axis=1)
     window = int(round(0.0008 / step))  # the plateau inside and the dip outside begin within this
-    # The steepest fall, with a mild preference for the middle.
+    # The steepest fall counts; near the middle of the line it counts a little more.
     score = -slope * np.exp(-0.5 * (t / (0.6 * t[-1])) ** 2)
     score[~np.isfinite(score)] = -np.inf
     steepest = score.argmax(1)
     rows = np.arange(len(profile))
     inside = np.clip(steepest[:, None] + np.arange(-window, 1), 0, len(t) - 1)
     outside = np.clip(steepest[:, None] + np.arange(0, window + 1), 0, len(t) - 1)
-    # Means over a third of each window: extremes would follow the noise.
+    # Means over a third of each window: a single largest or smallest value would follow the noise.
     third = window // 3 + 1
     high = np.partition(profile[rows[:, None], inside], -third, axis=1)[:, -third:].mean(1)
     low = np.partition(profile[rows[:, None], outside], third - 1, axis=1)[:, :third].mean(1)
     level = 0.5 * (high + low)
-    # Linear crossing of that level, the one next to the steepest place.
+    # Where the profile falls through that level, linear between samples; of several places the one nearest to the steepest fall.
     above = profile >= level[:, None]
     crossing = above[:, :-1] & ~above[:, 1:]
     distance = np.where(crossing, np.abs(np.arange(len(t) - 1) - steepest[:, None]), len(t))
@@ -105,14 +105,14 @@ def extract_cortex(volume: Volume, guide_points, brain_mask=None, settings=Corte
     offsets = np.full(coarse.shape, np.nan)
     outward = np.broadcast_to(frame.normal_pmr, (int(found.sum()), 3))
     offsets[found] = edge_offsets(volume, frame.to_pmr(grid[found]), outward, settings.edge_reach)
-    # Once more across the surface itself: on the walls of sulci the frame's normal is oblique.
+    # Once more along the normals of the surface itself: on the walls of a sulcus the normal of the frame is oblique.
     grid[..., 2] = ndimage.median_filter(coarse + offsets, 3)
     rough = frame.to_pmr(grid)
     across = normals(_smooth(rough, 2.0), 2)
     usable = np.isfinite(across).all(-1) & np.isfinite(rough).all(-1)
     fine = np.full(coarse.shape, np.nan)
     fine[usable] = edge_offsets(volume, rough[usable], across[usable], settings.edge_reach)
-    # Voxel noise varies faster along the surface than a cortex of that resolution can.
+    # What varies faster along the surface than the voxels can show is noise.
     fine = _smooth(ndimage.median_filter(fine, 5)[..., None], settings.smoothing / settings.resolution)[..., 0]
     points = rough + fine[..., None] * across
     valid = np.isfinite(points).all(-1)
@@ -158,7 +158,7 @@ def _brain_columns(volume, frame, low, high, top, bottom, brain_mask, settings):
         return inside
     level = settings.brain_share * np.median(deep)
     inside = np.nan_to_num(intensity) > level
-    # Dura and skull hang on the brain by thin bridges only: open, keep what is connected to the deep part, grow back.
+    # Only thin bridges connect dura and skull with the brain: erode, keep what is connected with the deep part, dilate again.
     radius = max(1, int(round(settings.opening / step)))
     ball = np.linalg.norm(np.stack(np.meshgrid(*[np.arange(-radius, radius + 1)] * 3)), axis=0) <= radius
     eroded = ndimage.binary_erosion(inside, ball, border_value=1)
@@ -206,7 +206,7 @@ def distances_to_cortex(points_pmr, cortex):
         best[rows[closer]] = length[closer]
         signed[rows[closer]] = np.where(height < 0, -length, length)[closer]
         aside[rows[closer]] = np.linalg.norm(gap - height[:, None] * outward, axis=-1)[closer]
-    return np.where(aside < 3 * spacing, signed, np.nan)  # beyond the border the gap is not across the surface
+    return np.where(aside < 3 * spacing, signed, np.nan)  # beyond the border the nearest point lies sideways, not below
 
 
 def _facets_of_vertices(corners, count):

@@ -45,18 +45,17 @@ def load_dicom(path, axes='RAS', series=None):
     for slice_ in members:
         slice_.check(path)
     _check_alike(path, members)
-    members, step, notes = _sorted_slices(path, members)
+    members, step, doubts = _sorted_slices(path, members)
     data = np.stack([slice_.pixels() for slice_ in members], axis=-1)
-    if members[0].text('PhotometricInterpretation') == 'MONOCHROME1':
-        notes.append('MONOCHROME1 (bright is stored low): turned over')
+    notes = ['MONOCHROME1 (bright is stored low): turned over'] if members[0].text('PhotometricInterpretation') == 'MONOCHROME1' else []
     if aside:
-        notes.append(f'{len(aside)} file{"s" if len(aside) > 1 else ""} set aside: {_listing(aside)}')
+        doubts.append(f'{len(aside)} file{"s" if len(aside) > 1 else ""} set aside: {_listing(aside)}')
     row, column = members[0].directions()
     spacing = members[0].numbers('PixelSpacing', 2)  # between rows, between columns
     affine_lps = np.eye(4)
     affine_lps[:3, :3] = np.column_stack([row * spacing[1], column * spacing[0], step]) * 0.001
     affine_lps[:3, 3] = np.array(members[0].numbers('ImagePositionPatient', 3)) * 0.001
-    return volume_from_ras(data, np.linalg.inv(AXES_FROM_RAS['LPS']) @ affine_lps, axes, path, notes)
+    return volume_from_ras(data, np.linalg.inv(AXES_FROM_RAS['LPS']) @ affine_lps, axes, path, notes, doubts)
 
 
 def _listing(names, most=5):
@@ -221,7 +220,7 @@ def _check_one_kind(path, key, told):
 
 
 def _sorted_slices(path, members):
-    """Slices by position along their normal (never by file name or instance number), and the step between them [mm]."""
+    """Slices by position along their normal (never by file name or instance number), the step between them [mm], and warnings."""
     normal = np.cross(*members[0].directions())
     members = sorted(members, key=lambda slice_: normal @ slice_.position())
     if len(members) == 1:

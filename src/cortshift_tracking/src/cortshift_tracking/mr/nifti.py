@@ -41,14 +41,14 @@ def load_nifti(path, axes='RAS', form=None, template_space=False):
     if header.get_data_dtype().names or header.get_data_dtype().kind == 'c':
         raise VolumeError(f'{path}: voxels of type {header.get_data_dtype()} are not intensities; export grey values')
     forms = _nifti_forms(path, header)
-    scale, unit_note = _nifti_unit(path, header, forms, shape)
+    scale, doubts = _nifti_unit(path, header, forms, shape)
     name, affine, notes = _nifti_affine(path, header, forms, scale, form)
-    notes += _nifti_space(path, name, int(header[name + '_code']), template_space)
+    doubts += _nifti_space(path, name, int(header[name + '_code']), template_space)
     try:
         data = np.asarray(image.dataobj, np.float32).reshape(shape[:3])
     except (OSError, EOFError, ValueError, zlib.error, gzip.BadGzipFile) as error:
         raise VolumeError(f'{path}: voxel data are incomplete or damaged ({error}); copy or export it again') from error
-    return volume_from_ras(data, affine, axes, path, notes + unit_note)
+    return volume_from_ras(data, affine, axes, path, notes, doubts)
 
 
 def _nifti_forms(path, header):
@@ -89,7 +89,7 @@ def _nifti_affine(path, header, forms, scale, form):
 
 
 def _nifti_space(path, name, code, template_space):
-    """Notes. Refuses coordinates of a template, unless they are meant."""
+    """Warnings. Refuses coordinates of a template, unless they are meant."""
     if code in PATIENT_CODES:
         return []
     if code not in TEMPLATE_CODES:
@@ -101,7 +101,7 @@ def _nifti_space(path, name, code, template_space):
 
 
 def _nifti_unit(path, header, forms, shape):
-    """Metres per header unit. Many real headers leave the unit out; millimetres are then taken if a head would fit."""
+    """Metres per header unit, and warnings. Many real headers leave the unit out; millimetres are then taken if a head would fit."""
     try:
         unit = header.get_xyzt_units()[0]
     except KeyError as error:

@@ -36,10 +36,10 @@ class MrRegistrationSettings:
     min_correlation: float = 0.4         # of the features there, after registration
     max_inconsistency: float = 0.0008    # between forward and backward flow
     border: float = 0.002                # eroded from the border of the overlap
-    # Beyond the rim the MR's cortex is still covered, and what is seen is bone: there the displacement jumps outwards.
+    # Outside the craniotomy bone covers the cortex, and the camera sees the bone: there the displacement jumps outwards.
     slope_scale: float = 0.0012          # standard deviation of the smoothing before the slope is taken
     max_slope: float = 0.6               # of the displacement along the normal; brain does not bend more
-    neck: float = 0.003                  # parts that hang together by less are apart, and only the largest is the brain
+    neck: float = 0.003                  # parts that a narrower strip connects are taken for separate; the largest is the brain
 
 
 def register_to_mr(stage, volume, brain_mask=None, settings=MrRegistrationSettings(), cortex_settings=CortexSettings()):
@@ -79,7 +79,7 @@ def _project(local, low, step, size, values, spacing):
     inside = (column >= 0) & (column < size[0]) & (row >= 0) & (row < size[1])
     index = row[inside] * size[0] + column[inside]
     count = np.bincount(index, minlength=size[0] * size[1]).reshape(size[1], size[0])
-    sigma = max(0.6, 0.6 * spacing / step)  # bridges the grid points between those that were hit
+    sigma = max(0.6, 0.6 * spacing / step)  # fills the grid points between those on which a point fell
     weight = cv2.GaussianBlur(count.astype(np.float32), (0, 0), sigma)
     grid = np.empty(count.shape + (values.shape[1],))
     for n in range(values.shape[1]):
@@ -112,7 +112,7 @@ def _features(image, both, settings):
     vessels, channels = _filled(image[..., 0]), []
     for width in settings.vessel_widths:
         ridges = _ridges(vessels, width / step)
-        # The 97th percentile stands for a clear vessel in either image; the root lifts what is fainter.
+        # In both images the 97th percentile is a clear vessel; the square root makes fainter ones count.
         channels.append(np.sqrt(np.clip(ridges / max(np.percentile(ridges[core], 97), 1e-9), 0, 1)))
     height = _filled(image[..., 1])
     relief = ndimage.gaussian_filter(height, settings.relief_band[0] / step) - ndimage.gaussian_filter(
@@ -123,7 +123,7 @@ def _features(image, both, settings):
 
 def _flow(first, second, settings):
     """Flow with the paper's model, (rows, columns, 2) [grid units]."""
-    # Features are sparse: many rounds, and no smoothing besides their own.
+    # There are few features: many iterations, and no smoothing beyond that of the features.
     return flow_between(first, second, preset='ji2014', alpha=settings.alpha, outer_iterations=7, inner_iterations=1,
                         solver_iterations=30, presmoothing=0)
 

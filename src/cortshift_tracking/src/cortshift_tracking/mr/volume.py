@@ -21,6 +21,7 @@ class Volume:
     axes          'RAS' or 'LPS': what the axes of pmr point to
     source        file or folder it came from
     notes         what had to be assumed while loading, for people
+    warnings      those of the notes that a person should know before believing what comes of it
     unknown       (I, J, K) bool: voxels that were not numbers in the file; None: there are none
     """
     data: np.ndarray
@@ -29,6 +30,7 @@ class Volume:
     source: str = ''
     notes: Tuple[str, ...] = ()
     unknown: Optional[np.ndarray] = None
+    warnings: Tuple[str, ...] = ()
     _spline: dict = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self):
@@ -88,7 +90,8 @@ class Volume:
         T = self.T_pmr_voxel.copy()
         T[:3, 3] = self.to_pmr(first)
         part = tuple(slice(a, b) for a, b in zip(first, last))
-        return Volume(self.data[part], T, self.axes, self.source, self.notes, None if self.unknown is None else self.unknown[part])
+        return Volume(self.data[part], T, self.axes, self.source, self.notes, None if self.unknown is None else self.unknown[part],
+                      self.warnings)
 
     def sample(self, points_pmr, order=1):
         """Intensity at points (..., 3) in pmr [m]; NaN outside the outermost voxel centres.
@@ -108,7 +111,7 @@ class Volume:
         return np.where(inside, values, np.nan)
 
 
-def volume_from_ras(data, T_ras_voxel, axes, path, notes=()):
+def volume_from_ras(data, T_ras_voxel, axes, path, notes=(), warnings=()):
     """Volume of voxels whose places are known in RAS [m]. Voxels that are not numbers are noted, and kept in `unknown`.
 
     Raises VolumeError where none is a number.
@@ -122,7 +125,7 @@ def volume_from_ras(data, T_ras_voxel, axes, path, notes=()):
     low = data[known].min()
     if not known.all():
         share = 1 - known.mean()
-        notes = (*notes, f'{int((~known).sum())} voxels ({share:.2%}) are not numbers, taken as {low:g}, the darkest')
+        warnings = (*warnings, f'{int((~known).sum())} voxels ({share:.2%}) are not numbers, taken as {low:g}, the darkest')
     unknown = None if known.all() else ~known
-    return Volume(data if known.all() else np.where(known, data, low), AXES_FROM_RAS[axes] @ T_ras_voxel, axes, str(path), tuple(notes),
-                  unknown)
+    return Volume(data if known.all() else np.where(known, data, low), AXES_FROM_RAS[axes] @ T_ras_voxel, axes, str(path), (*notes, *warnings),
+                  unknown, tuple(warnings))

@@ -18,9 +18,9 @@ from cortshift_tracking.poses import rotation_from_message
 from cortshift_tracking.probe.points import (GRAVITY_LABELS, GravitySettings, ProbePoint, StillSettings, check_key, gravity_direction,
                                       still_point)
 from cortshift_tracking.probe.store import ProbeStore
+from cortshift_tracking.tracker_state import NOT_KNOWN, TRACKER_STATE
 
 ROOT_FRAME = 'pmr'
-TRACKER_STATE = 'shift_tracker: state'  # its diagnostics; value gravity says 'not known' or what it is
 RETRY = 10.0  # s after which gravity is offered again to a shift_tracker that did not take it
 STILL, GRAVITY = StillSettings(), GravitySettings()
 PARAMETERS = {
@@ -191,7 +191,7 @@ class ProbeNode:
         for status in message.status:
             if status.name != TRACKER_STATE:
                 continue
-            ignorant = any(v.key == 'gravity' and v.value == 'not known' for v in status.values)
+            ignorant = any(v.key == 'gravity' and v.value == NOT_KNOWN for v in status.values)
             pair = self._store.gravity_pair()
             if (ignorant or self._untold) and not any(place is None for place in pair):
                 if self._untold and time.monotonic() < self._told_at + RETRY:

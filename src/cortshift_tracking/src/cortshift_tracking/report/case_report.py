@@ -32,7 +32,7 @@ def make_report(folder, mr=None, title=None, mr_may_fail=False):
     volume = _volume(case, mr, left_out if mr_may_fail else None)
     second, third = table_2(case, _picks(folder, left_out), left_out), table_3(case)
     title = title or os.path.basename(os.path.abspath(folder))
-    parts = [sections.head(case, title), warning_box(warnings_of(case, left_out)), sections.calibration(case),
+    parts = [sections.head(case, title), warning_box(warnings_of(case, left_out, volume)), sections.calibration(case),
              sections.timeline(case), table('Displacement between stages (Table 3 of the paper)', TABLE_3_HEADER, third, NOTE_3)]
     if second:
         parts.append(table('Probe against surface and field (Table 2 of the paper)', TABLE_2_HEADER, second, NOTE_2, transpose=True))

@@ -89,7 +89,7 @@ def overlay_figure(first, later, field):
     known = np.isfinite(plane).all(-1)
     moved = cv2.remap(np.nan_to_num(second), np.where(known, column + plane[..., 0], -10).astype(np.float32),
                       np.where(known, row + plane[..., 1], -10).astype(np.float32), cv2.INTER_LINEAR, borderValue=0)
-    # One stretch for both, so that a change of the light stays visible; MR and photograph have no light in common.
+    # The same contrast for both, so that a change of the light stays visible; MR and photograph cannot share one.
     shared = None if field.from_mr else first
 
     def stretch(image):

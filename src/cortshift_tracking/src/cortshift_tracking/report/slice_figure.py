@@ -38,7 +38,7 @@ def draw_slices(volume, surfaces, at=None, width_px=1160):
             continue
         together = np.concatenate(valid)[:, pair]
         zoom_low, zoom_high = together.min(0) - ZOOM_MARGIN, together.max(0) + ZOOM_MARGIN
-        side = min((zoom_high - zoom_low).max(), LARGEST_ZOOM) / 2  # square, so that the three compare
+        side = min((zoom_high - zoom_low).max(), LARGEST_ZOOM) / 2  # square, so that the three have one scale
         middle = np.asarray(at)[pair] if 2 * side == LARGEST_ZOOM else (zoom_low + zoom_high) / 2
         panels[0, column].add_patch(Rectangle((middle - side) * 1000, 2 * side * 1000, 2 * side * 1000, fill=False,
                                               edgecolor='white', linewidth=0.8, linestyle='--'))
@@ -69,7 +69,7 @@ def _panel(panel, volume, surfaces, plane, at, low, high, window, width):
         segments = cut(points, axis, at[axis])[..., [shown.across, shown.up]] * 1000
         # One line with gaps: thousands of separate ones would take seconds to draw.
         curve = np.concatenate([segments, np.full((len(segments), 1, 2), np.nan)], 1).reshape(-1, 2).T
-        # A dark outline keeps every colour apart from bright tissue.
+        # A dark outline makes every colour visible on bright tissue.
         panel.plot(*curve, color='black', linewidth=width + 1.2, solid_capstyle='round')
         panel.plot(*curve, color=stage_colour(number), linewidth=width, solid_capstyle='round')
     panel.set_xlim(extent[[1, 0]] if shown.flip_across else extent[[0, 1]])

@@ -7,11 +7,12 @@ LOW_COVERAGE = 0.5          # of a field's overlap; less is warned of
 RIM_WARNING = 0.0005        # median motion of what should not move [m]
 
 
-def warnings_of(case, left_out):
-    """Texts; left_out: what else of the input could not be used, with the reason."""
+def warnings_of(case, left_out, volume=None):
+    """Texts; left_out: what else of the input could not be used, with the reason. volume: the MR, or None."""
     found = [f'left out: {reason}' for reason in [*case.left_out, *left_out]]
     if not case.calibrations:
         found.append('no calibration file in the case folder: dates and errors of the calibration are not known')
+    found += [f'MR: {text}' for text in (volume.warnings if volume else ())]
     for stage in case.stages:
         if stage.T_pmr_left is None:
             found.append(f'stage {stage.key}: the pose of its camera is not known')

@@ -18,13 +18,17 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
+import rosgraph
+
+from cortshift_tracking.errors import CaseError
+from cortshift_tracking.texts import read_text, read_yaml
 
 OK, WARN, FAIL = 'ok', 'WARN', 'FAIL'
 DATE = re.compile(r'\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ')
 DAY = 86400.0
 GIGABYTE = 1e9
 HEADER = struct.Struct('> H 12s 20s Q Q Q')  # of OpenIGTLink: version, type, device, time stamp, size of the body, CRC
+LONGEST_NAME = 20    # bytes, as above
 MAX_BODY = 1 << 28
 TIME_ERROR = 5       # of adjtimex: the clock is not synchronised
 LISTEN = 2.0         # s that a tracker is listened to
@@ -36,7 +40,7 @@ class Limits:
     """Of a site, under the key `preflight` of its file; these are the defaults."""
     calibration_days: float = 90.0  # older: WARN, twice as old: FAIL
     disk_gb: float = 20.0           # less: FAIL; a case of two hours with its recording
-    clock_must_be_synchronised: bool = False  # with several machines or a tracker that stamps by itself
+    clock_must_be_synchronised: bool = False  # true with several machines, or with a tracker that has a clock of its own
 
 
 @dataclass
@@ -56,7 +60,7 @@ def section(site, name):
 
 def calibration_date(path):
     """Date of a calibration in seconds since 1970, and whether it says so itself (else the file's own date)."""
-    found = DATE.search(path.read_text())
+    found = DATE.search(read_text(path))
     if found is None:
         return path.stat().st_mtime, False
     return datetime.datetime.fromisoformat(found.group().replace('Z', '+00:00')).timestamp(), True
@@ -87,20 +91,49 @@ def check_calibration(driver, limits, now):
                 findings.append(Finding(FAIL, key, f'none; set stereo_driver/{key}'))
             continue
         try:
-            loaded[key] = yaml.safe_load(Path(value).read_text())
-            if not isinstance(loaded[key], dict):
-                raise ValueError('it is no dictionary')
+            content = read_yaml(value)
+            if not isinstance(content, dict):
+                raise CaseError(f'{value}: holds no calibration')
             findings.append(age_finding(key, Path(value), limits, now))
-        except (OSError, ValueError, yaml.YAMLError) as error:
-            findings.append(Finding(FAIL, key, f'{value} cannot be read ({error}); calibrate, or correct the path'))
-            loaded.pop(key, None)
+            loaded[key] = content
+        except CaseError as error:
+            findings.append(Finding(FAIL, key, f'{error}; calibrate, or correct the path'))
+    lenses = [lens_finding(key, loaded[key]) for key in loaded if key != 'hand_eye']
+    findings += [finding for finding in lenses if finding]
     if 'calibration_left' not in loaded or 'calibration_right' not in loaded:
         return findings, None
     return findings + match_findings(paths, loaded), image_size(loaded['calibration_left'])
 
 
 def image_size(camera):
-    return camera.get('image_width'), camera.get('image_height')
+    return camera.get('image_width', camera.get('width')), camera.get('image_height', camera.get('height'))
+
+
+def camera_numbers(camera, key, short_key):
+    """Numbers of a camera_info: {data: [...]}, a flat list or a list of rows, by its own key or the message's."""
+    found = camera[key] if key in camera else camera[short_key]
+    found = found['data'] if isinstance(found, dict) else found
+    return [number for row in found for number in (row if isinstance(row, list) else [row])]
+
+
+LENSES = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (8,), 'equidistant': (4,)}
+
+
+def lens_finding(key, camera):
+    """What the nodes would refuse; None where they would not."""
+    model = camera.get('distortion_model')
+    if model not in LENSES:
+        return Finding(FAIL, key, f'distortion_model is {model!r}; supported are {", ".join(LENSES)}')
+    try:
+        terms = camera_numbers(camera, 'distortion_coefficients', 'D')
+    except (KeyError, TypeError):
+        return Finding(FAIL, key, 'distortion_coefficients are missing; calibrate again')
+    needed = max(LENSES[model])
+    if model != 'equidistant' and len(terms) in (8, 12, 14) and not any(terms[needed:]):
+        terms = terms[:needed]  # OpenCV fills up with zeros
+    if len(terms) not in LENSES[model]:
+        return Finding(FAIL, key, f'{len(terms)} distortion_coefficients; {model} has {needed}')
+    return None
 
 
 def match_findings(paths, loaded):
@@ -110,7 +143,7 @@ def match_findings(paths, loaded):
         return [Finding(FAIL, 'calibration match', f'left is for {image_size(left)} pixels, right for {image_size(right)}; '
                         'take both files of one calibration')]
     try:
-        projection = [camera['projection_matrix']['data'] for camera in (left, right)]
+        projection = [camera_numbers(camera, 'projection_matrix', 'P') for camera in (left, right)]
         same = all(projection[0][i] == projection[1][i] for i in (0, 5))
         baseline = -projection[1][3] / projection[1][0]
     except (KeyError, TypeError, IndexError, ZeroDivisionError):
@@ -124,7 +157,7 @@ def match_findings(paths, loaded):
     if 'hand_eye' in loaded and dates['hand_eye'][0] < dates['calibration_left'][0] and dates['hand_eye'][1]:
         return [Finding(FAIL, 'calibration match', 'hand_eye is older than the stereo calibration it builds on; '
                         'run calibrate_hand_eye again')]
-    return [Finding(OK, 'calibration match', f'{left.get("image_width")} x {left.get("image_height")} pixels, '
+    return [Finding(OK, 'calibration match', f'{image_size(left)[0]} x {image_size(left)[1]} pixels, '
                     f'baseline {1000 * baseline:.2f} mm')]
 
 
@@ -194,6 +227,10 @@ def check_tracker(bridge):
     servers, tools = bridge.get('servers') or [], [tool.get('device') for tool in bridge.get('tools') or []]
     if not tools:
         return [Finding(FAIL, 'tracker', 'no tools; list them under igtl_bridge/tools in the site file')]
+    too_long = [tool for tool in tools if len(str(tool).encode()) > LONGEST_NAME]
+    if too_long:
+        return [Finding(FAIL, f'tool {tool}', f'the name has {len(str(tool).encode())} characters and OpenIGTLink has room for {LONGEST_NAME}; '
+                        'give the name that the navigation system sends') for tool in too_long]
     if not servers:
         return [Finding(WARN, 'tracker', f'it connects to us (no igtl_bridge/servers); wait for {", ".join(tools)} to be OK in the '
                         'diagnostics')]
@@ -256,6 +293,18 @@ def check_clock(limits):
     return [Finding(OK, 'clock', 'synchronised')]
 
 
+def check_simulated_time():
+    """A replay leaves use_sim_time on the master: the clocks of nodes that are started then stand still."""
+    try:
+        left = rosgraph.Master('/preflight').hasParam('/use_sim_time') and rosgraph.Master('/preflight').getParam('/use_sim_time')
+    except (rosgraph.MasterException, OSError):
+        return []  # no master: nothing can be left on it
+    if left:
+        return [Finding(FAIL, 'use_sim_time', 'the master says use_sim_time, left there by a replay: clocks of nodes stand still; '
+                        'rosparam set use_sim_time false, and start again what runs already')]
+    return [Finding(OK, 'use_sim_time', 'not set: nodes use the clock of the machine')]
+
+
 def preflight(site, now=None):
     """All findings. site: contents of the site's file. ValueError for a file that is no site file."""
     if not isinstance(site, dict):
@@ -264,11 +313,15 @@ def preflight(site, now=None):
     unknown = set(given) - set(Limits.__dataclass_fields__)
     if unknown:
         raise ValueError(f'preflight/{sorted(unknown)[0]} is unknown; known are {", ".join(Limits.__dataclass_fields__)}')
+    for key, value in given.items():
+        standard = getattr(Limits, key)
+        if isinstance(value, bool) != isinstance(standard, bool) or not isinstance(value, (int, float)):
+            raise ValueError(f'preflight/{key} = {value!r} is not {"true or false" if isinstance(standard, bool) else "a number"}')
     limits = Limits(**given)
     driver = section(site, 'stereo_driver')
     calibration, size = check_calibration(driver, limits, now or time.time())
     return [*calibration, *check_cameras(driver, size), *check_tracker(section(site, 'igtl_bridge')), *check_disk(site, limits),
-            *check_clock(limits)]
+            *check_clock(limits), *check_simulated_time()]
 
 
 def main(words):
@@ -276,8 +329,11 @@ def main(words):
     parser.add_argument('--site', default='config/site.yaml', help='file of the site (default: config/site.yaml)')
     site = parser.parse_args(words).site
     try:
-        findings = preflight(yaml.safe_load(Path(site).read_text()))
-    except (OSError, ValueError, TypeError, yaml.YAMLError) as error:
+        findings = preflight(read_yaml(site))
+    except CaseError as error:
+        print(f'preflight: {error}', file=sys.stderr)
+        return 1
+    except ValueError as error:
         print(f'preflight: {site}: {error}', file=sys.stderr)
         return 1
     width = max(len(finding.check) for finding in findings)

@@ -112,7 +112,8 @@ class Recorder:
             status.message = f'the recording ended {self._starts - 1} times and was started again' + (
                 f' ({self._failure})' if self._failure else '')
         status.values = [KeyValue('folder', self._folder), KeyValue('files', str(len(files))),
-                         KeyValue('lost_messages', str(sum(self._lost.values()))), KeyValue('size_GB', f'{size / GIGABYTE:.3f}'), KeyValue('disk_left_GB', f'{free:.1f}')]
+                         KeyValue('lost_messages', str(sum(self._lost.values()))),
+                         KeyValue('size_GB', f'{size / GIGABYTE:.3f}'), KeyValue('disk_left_GB', f'{free:.1f}')]
         message = DiagnosticArray(status=[status])
         message.header.stamp = rospy.Time.now()
         self._diagnostics.publish(message)

@@ -46,7 +46,6 @@ BagIndex::BagIndex(const BagRecords& records, const std::string& path, const std
     remarks.push_back(std::string("its index is damaged (") + error.what() + ")");
   }
   if (!indexed) walk(head.next());
-  requireTimes(path);
 }
 
 const Connection& BagIndex::connection(std::uint32_t id, const Place& place) const {
@@ -194,15 +193,6 @@ Chunk BagIndex::scan(std::uint64_t position, const ChunkHead& head) {
   }
   for (const auto& [topic, messages] : counts) topics[topic].messages += messages;
   return chunk;
-}
-
-/// Times are added to and subtracted from: beyond these bounds ros::Time and ros::Duration (signed seconds of 32 bits)
-/// overflow.
-void BagIndex::requireTimes(const std::string& path) const {
-  constexpr std::uint32_t kYear = 365 * 86400;
-  if (chunks.empty() || (end.sec < 0xffffffffu - kYear && end.sec - begin.sec < 0x7fffffffu - kYear)) return;
-  throw TrackingError(path + " is damaged: its messages' times go from " + std::to_string(begin.sec) + " s to " +
-                      std::to_string(end.sec) + " s; " + kDamagedBagRemedy);
 }
 
 }  // namespace cortshift_tracking::bag

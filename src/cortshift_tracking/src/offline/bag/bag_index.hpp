@@ -45,7 +45,6 @@ class BagIndex {
   void walk(std::uint64_t position);
   Chunk scan(std::uint64_t position, const ChunkHead& head);
   void add(const Fields& head, const char* data, std::size_t size, const Place& place);
-  void requireTimes(const std::string& path) const;
 
   const BagRecords& records_;
   const std::vector<std::string>& wanted_;

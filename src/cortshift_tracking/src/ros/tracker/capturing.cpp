@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <boost/make_shared.hpp>
 
+#include "cortshift_stereo/admission/rig_evidence.hpp"
 #include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/case/stage_record.hpp"
@@ -81,10 +82,15 @@ std::string Capturing::store(const std::string& key, const std::string& note, un
   }
   std::string remarks;
   cortshift_msgs::SurfaceStatusConstPtr status;
+  const ros::Time asked = ros::Time::now();
   try {
     record.surface = pairs == 1 ? awaitSurface() : awaitMean(pairs, remarks, status);
     record.info.stamp = record.surface->header.stamp;
     record.info.warnings = placement_.requireTrustworthy(record.info.stamp);
+    if (pairs == 1 && !asked.isZero())
+      cortshift_stereo::addWarnings(
+          record.info.warnings,
+          cortshift_stereo::checkWait(record.info.stamp.toSec() - asked.toSec(), max_surface_age_.toSec()).warnings());
   } catch (const TrackingError& error) {
     throw TrackingError(refusal + error.what());
   }

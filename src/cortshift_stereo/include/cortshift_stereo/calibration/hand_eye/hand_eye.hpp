@@ -56,6 +56,7 @@ struct HandEyeCalibration {
   double method_spread = 0;  ///< largest distance between two methods' translations [m]
   std::vector<HandEyeMethodResult> methods;
   std::vector<HandEyeResidual> residuals;
+  double misfit = 0;            ///< root mean square correction of a tracked pose [standard deviations of the tracker]
   double reprojection_rms = 0;  ///< over all views used, with the tracked poses as they are [px]
   std::vector<RejectedView> rejected;
 };

@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "cortshift_stereo/calibration/calibration_verdict.hpp"
 #include "cortshift_stereo/calibration/hand_eye/hand_eye.hpp"
 
 namespace cortshift_stereo {
@@ -15,6 +16,7 @@ struct HandEyeReport {
   Board board;
   HandEyeSettings settings;
   HandEyeCalibration calibration;
+  CalibrationVerdict verdict;
 };
 
 /// @throws CalibrationError if the file cannot be written.

@@ -30,10 +30,15 @@ struct StereoParameters {
   cv::Size size;  ///< of the images of both cameras [px]
   cv::Matx33d K_left = cv::Matx33d::eye();
   cv::Matx33d K_right = cv::Matx33d::eye();
-  std::vector<double> D_left;                     ///< k1 k2 p1 p2 k3
-  std::vector<double> D_right;                    ///< k1 k2 p1 p2 k3
+  LensModel lens = LensModel::kPlumbBob;  ///< of both cameras
+  std::vector<double> D_left;             ///< coefficients of the lens
+  std::vector<double> D_right;
   cv::Matx33d R_right_left = cv::Matx33d::eye();  ///< p_right = R_right_left p_left + t_right_left
   cv::Vec3d t_right_left;                         ///< [m]
+
+  /// The raw cameras, not rectified.
+  CameraModel left() const { return {size, K_left, lens, D_left}; }
+  CameraModel right() const { return {size, K_right, lens, D_right}; }
 };
 
 /// Rectify: the model that reconstruction and ROS's camera_info want. Principal points of verging cameras stay apart.
@@ -64,7 +69,7 @@ SetErrors checkPairs(const StereoParameters& parameters, const Board& board, con
 
 /// One candidate for the lens distortion and its errors on pairs held out in turn (cross-validation).
 struct DistortionScore {
-  std::string model;  ///< "k1" (the paper's), "k1 k2", "k1 k2 p1 p2" or "k1 k2 p1 p2 k3"
+  std::string model;  ///< the terms that are not held at 0: "k1" (the paper's), "k1 k2", ..., those of the whole lens
   SetErrors held_out;
 };
 
@@ -74,7 +79,13 @@ struct StereoCalibration {
   std::vector<DistortionScore> scores;  ///< all candidates, from few to many terms
   SetErrors used;                       ///< on the pairs that it was fitted to
   std::vector<RejectedView> rejected;
-  double focal_deviation = 0;  ///< largest standard deviation of a focal length, relative to it
+  std::vector<RejectedView> screened;  ///< of `rejected`, the ones that disagree with the others
+  double focal_deviation = 0;          ///< largest standard deviation of a focal length, relative to it
+  double left_alone_rms = 0;           ///< reprojection error of the left camera when it is calibrated alone [px]
+  double right_alone_rms = 0;          ///< [px]
+  double reach =
+      0;  ///< how far corners reach from the middle towards a corner of the image, in the worst quarter [0...1]
+  double distance = 0;  ///< median distance of the boards [m]
 };
 
 constexpr std::size_t kFewestPairs = 5;
@@ -85,6 +96,7 @@ constexpr std::size_t kFewestPairs = 5;
 /// @throws CalibrationError naming the remedy: fewer than kFewestPairs consistent pairs, boards too parallel to
 ///         determine the focal lengths, or cameras that are swapped or not side by side.
 StereoCalibration calibrateStereo(const Board& board, const cv::Size& size, const std::vector<BoardPair>& pairs,
-                                  const std::function<void(double)>& progress = {});
+                                  const std::function<void(double)>& progress = {},
+                                  LensModel lens = LensModel::kPlumbBob);
 
 }  // namespace cortshift_stereo

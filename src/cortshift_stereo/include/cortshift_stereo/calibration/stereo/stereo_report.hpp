@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include "cortshift_stereo/calibration/calibration_verdict.hpp"
 #include "cortshift_stereo/calibration/stereo/stereo_calibration.hpp"
 
 namespace cortshift_stereo {
@@ -15,6 +16,7 @@ struct StereoReport {
   Board board;
   StereoCalibration calibration;    ///< rejected: all views that took no part
   std::optional<SetErrors> checks;  ///< on views that were kept out of the fit on purpose
+  CalibrationVerdict verdict;
 };
 
 /// Now, as ISO 8601 in UTC.
@@ -26,7 +28,8 @@ std::string reportText(const StereoReport& report);
 /// The few lines that go into the head of each camera's file.
 std::string remarksText(const StereoReport& report);
 
-/// Write left.yaml, right.yaml and report.yaml into a folder, which is made if it is missing.
+/// Write left.yaml, right.yaml and report.yaml into a folder, which is made if it is missing; of a useless calibration
+/// the report alone.
 /// @throws CalibrationError if something cannot be written.
 void writeStereoCalibration(const std::string& folder, const StereoReport& report);
 

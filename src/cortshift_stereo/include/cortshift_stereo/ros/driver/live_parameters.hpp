@@ -21,6 +21,7 @@ struct LiveParameters {
 
   std::string folder;  ///< of images: names that hold "left" and "right" and are otherwise alike
   bool loop = false;   ///< begin again after the folder's last pair
+  int image_bits = 0;  ///< that the folder's 16-bit images use, 8 to 16; 0: recognised from the values
 
   /// Declares every parameter to the reader.
   void read(ParameterReader& reader);

@@ -1,0 +1,83 @@
+"""Paths in launch files and scripts: with blanks and letters of any language, and as seen from the folder of the caller."""
+import os
+import pathlib
+import shutil
+import subprocess
+
+import pytest
+import roslaunch
+from cortshift_tracking.theatre.launched import own_parameter
+
+ROOT = pathlib.Path(__file__).resolve().parents[4]
+NAMES = ['my case', 'Müller, Ödön', "O'Brien", 'plain', 'データ']
+#: Every argument that is a path: launch file, argument, the parameter that it becomes, and what else must be given.
+PATHS = [('replay', 'bag', '/rosbag_play/bag', []), ('replay', 'static_tf', '/publish_static_tf/file', []),
+         ('replay', 'case_folder', '/shift_tracker/case_folder', []), ('replay', 'case_folder', '/probe/case', []),
+         ('replay', 'settings_calibration', '/surface_reconstruction/settings_calibration', []),
+         ('phantom', 'case', '/stereo_driver/phantom_case', []), ('phantom', 'case_folder', '/shift_tracker/case_folder', []),
+         ('intraop', 'site', '/preflight/site', []), ('intraop', 'case_folder', '/probe/case', []),
+         ('intraop', 'settings_calibration', '/surface_reconstruction/settings_calibration', []),
+         ('capture_pc', 'phantom', '/stereo_driver/phantom_case', []), ('capture_pc', 'site', '/preflight/site', []),
+         ('compute_pc', 'case_folder', '/shift_tracker/case_folder', []), ('two_machines', 'case_folder', '/probe/case', [])]
+
+
+@pytest.fixture(params=NAMES)
+def place(tmp_path, monkeypatch, request):
+    """The caller's folder, of that name, with a site file in it."""
+    folder = tmp_path / request.param
+    folder.mkdir()
+    shutil.copy(ROOT / 'config/site.yaml', folder / 'a file.yaml')
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def parameters(launch, *arguments):
+    config = roslaunch.config.load_config_default([(str(ROOT / f'launch/{launch}.launch'), list(arguments))], port=None,
+                                                  assign_machines=False)
+    return {name: parameter.value for name, parameter in config.params.items()}, config
+
+
+@pytest.mark.parametrize('launch, argument, parameter, more', PATHS, ids=[f'{p[0]}-{p[1]}-{p[2].split("/")[1]}' for p in PATHS])
+def test_paths_are_those_of_the_caller(place, launch, argument, parameter, more):
+    for given in ('a file.yaml', './a file.yaml', str(place / 'a file.yaml')):
+        assert parameters(launch, f'{argument}:={given}', *more)[0][parameter] == str(place / 'a file.yaml')
+
+
+def test_no_path_is_a_word_of_a_command_line(place):
+    """roslaunch splits a node's arguments at blanks."""
+    for launch, argument, _, more in PATHS:
+        _, config = parameters(launch, f'{argument}:=a file.yaml', 'rviz:=true' if launch != 'capture_pc' else 'record:=true', *more)
+        for node in config.nodes:
+            assert 'a file' not in node.args, f'{launch} {node.name}: {node.args}'
+
+
+def test_live_graphs_set_the_clock_that_a_replay_leaves_behind():
+    for launch in ('intraop', 'phantom', 'capture_pc', 'compute_pc', 'two_machines'):
+        assert parameters(launch)[0]['/use_sim_time'] is False, launch
+    assert parameters('replay')[0]['/use_sim_time'] is True
+
+
+@pytest.mark.parametrize('given, seen', [('x y', '{here}/x y'), ('/a/../b c', '/b c'), ('~/d', '{home}/d'), ('ä/../ö', '{here}/ö')])
+def test_absolute_path(tmp_path, given, seen):
+    done = subprocess.run([str(ROOT / 'script/absolute_path'), given], capture_output=True, text=True, cwd=tmp_path, check=True)
+    assert done.stdout == seen.format(here=tmp_path, home=os.environ['HOME'])
+
+
+@pytest.mark.parametrize('form', [['--site', 'my site.yaml'], ['--site=my site.yaml']])
+def test_preflight_reads_the_file_of_the_caller(place, form):
+    (place / 'my site.yaml').write_text('preflight: {weeks: 3}\n')
+    done = subprocess.run([str(ROOT / 'script/preflight'), *form], capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and f'{place}/my site.yaml: preflight/weeks is unknown' in done.stderr
+
+
+@pytest.mark.parametrize('words', [['__name:=rosbag_play'], [], ['bag.bag']])
+def test_no_parameter_without_a_master(monkeypatch, words):
+    monkeypatch.setenv('ROS_MASTER_URI', 'http://localhost:1')
+    assert own_parameter('bag', words) == ''
+
+
+def test_a_bag_that_is_not_there_is_named(monkeypatch):
+    monkeypatch.setenv('ROS_MASTER_URI', 'http://localhost:1')
+    done = subprocess.run([str(ROOT / 'src/cortshift_tracking/scripts/play_case'), '--clock', '__name:=x'], capture_output=True, text=True,
+                          check=False)
+    assert done.returncode == 1 and 'no such file; give bag:=FILE' in done.stderr
