@@ -96,7 +96,11 @@ class RealPair(unittest.TestCase):
         rospy.Subscriber('/surface/points', PointCloud2, lambda cloud: cls.clouds.setdefault(cloud.header.stamp, cloud))
         rospy.wait_for_service('/stereo_driver/trigger', timeout=60)
         rospy.wait_for_service('/surface_reconstruction/average_pairs', timeout=60)
-        wait_until(cls.images_reach_reconstruction, 60, 'a connection for the images of both cameras')  # no pair may be lost
+        # No pair may be lost: images and poses must arrive.
+        wait_until(cls.images_reach_reconstruction, 60, 'a connection for the images of both cameras')
+        wait_until(cls.poses.pub_tf.get_num_connections, 60, 'a connection for the poses')
+        sent = cls.poses_sent
+        wait_until(lambda: cls.poses_sent > sent + 10, 60, 'poses')
         cls.trigger = rospy.ServiceProxy('/stereo_driver/trigger', TriggerCapture)
 
     @staticmethod
@@ -109,12 +113,13 @@ class RealPair(unittest.TestCase):
     def start_tracker(cls):
         fixed = tf2_ros.StaticTransformBroadcaster()
         fixed.sendTransform([transform('reference'), transform('left_optical')])
-        moving = tf2_ros.TransformBroadcaster()
+        cls.poses, cls.poses_sent = tf2_ros.TransformBroadcaster(), 0
         cls.stop = threading.Event()
 
         def track():
             while not cls.stop.wait(0.03):
-                moving.sendTransform(transform('microscope'))
+                cls.poses.sendTransform(transform('microscope'))
+                cls.poses_sent += 1
         cls.fixed, cls.tracker = fixed, threading.Thread(target=track)
         cls.tracker.start()
 

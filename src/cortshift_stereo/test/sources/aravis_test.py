@@ -22,7 +22,7 @@ from sensor_msgs.msg import Image
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 from graph_programs import CONFIG, program, wait_until  # noqa: E402
 
-ADDRESSES = ('127.0.0.1', '127.0.0.2')
+ADDRESSES = [f'127.{100 + os.getpid() % 100}.{os.getpid() // 100 % 250}.{n}' for n in (1, 2)]  # of this run alone
 PERIOD = 0.1
 TOGETHER = 0.03  # s; the two exposures of one trigger; neighbours are PERIOD apart
 
@@ -76,10 +76,7 @@ class Aravis(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node('test_aravis')
-        # The second camera needs an address of its own.
-        if '127.0.0.2' not in subprocess.run(['ip', 'address', 'show', 'lo'], capture_output=True, text=True).stdout:
-            sudo = [] if os.geteuid() == 0 else ['sudo']
-            subprocess.run(sudo + ['ip', 'address', 'add', '127.0.0.2/8', 'dev', 'lo'], check=True)
+        cls.set_addresses('add')
         cls.folder = tempfile.TemporaryDirectory()
         for name, tx in (('left', 0), ('right', -22.5)):
             with open(os.path.join(cls.folder.name, name + '.yaml'), 'w') as file:
@@ -88,8 +85,15 @@ class Aravis(unittest.TestCase):
         cls.diagnostics, cls.summary = {}, ''
         rospy.Subscriber('/diagnostics', DiagnosticArray, cls.diagnose)
 
+    @staticmethod
+    def set_addresses(what):
+        """Cameras that other programs run on this machine have other addresses."""
+        for address in ADDRESSES:
+            subprocess.run([*([] if os.geteuid() == 0 else ['sudo']), 'ip', 'address', what, address + '/8', 'dev', 'lo'], check=True)
+
     @classmethod
     def tearDownClass(cls):
+        cls.set_addresses('delete')
         cls.folder.cleanup()
 
     @classmethod

@@ -15,7 +15,7 @@ from cortshift_msgs.srv import SetPhantomStage
 from tf2_msgs.msg import TFMessage
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
-from graph import ShiftTracker, error_of_phantom_field  # noqa: E402
+from graph import ShiftTracker, error_of_phantom_field, wait_until  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 CASE = str(ROOT / 'config/phantom/phantom_case.yaml')
@@ -46,6 +46,7 @@ class TrackerFaults(unittest.TestCase):
         cls.tracker = ShiftTracker(120)
         rospy.wait_for_service('/stereo_driver/set_stage', timeout=120)
         cls.set_stage = rospy.ServiceProxy('/stereo_driver/set_stage', SetPhantomStage)
+        wait_until(lambda: cls.samples and len(cls.fixed) >= 2, 60, 'poses of the tracker and the fixed edges')
 
     @classmethod
     def keep(cls, message):

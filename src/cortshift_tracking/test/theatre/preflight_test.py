@@ -150,7 +150,7 @@ def test_clock_of_the_tracker(site):
 def test_no_cameras(site):
     site['stereo_driver']['source'] = 'none'
     assert 'source is none' in findings(site)['cameras']
-    site['stereo_driver'].update(source='aravis', aravis={'left': {'device': '127.0.0.1'}})
+    site['stereo_driver'].update(source='aravis', aravis={'left': {'device': '127.0.0.7'}})  # nobody's address
     found = findings(site)
     assert 'does not answer' in found['left camera'] and 'aravis/right/device' in found['right camera']
 
