@@ -13,6 +13,7 @@ if(CATKIN_ENABLE_TESTING)
     cortshift_test(${name} pytest long 1200 FILES test/${test}_test.py)
   endforeach()
   cortshift_test(probe_node_test rostest graph 900 FILES test/probe/probe_node.test)
+  cortshift_test(demo_test pytest graph 900 FILES test/graph/demo_test.py DEPENDS shift_tracker field_error)
   cortshift_test(demo_case_test rostest graph 900 FILES test/graph/demo_case.test DEPENDS shift_tracker field_error)
   # The order of the house: who includes whom, sizes, names, and that each test is run by what CMake wrote.
   cortshift_test(house_test pytest quick 300 FILES test/house_test.py ENVIRONMENT CORTSHIFT_BUILD=${CMAKE_BINARY_DIR})

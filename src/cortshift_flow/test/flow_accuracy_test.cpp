@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
 #include <map>
 #include <string>
 #include <tuple>
@@ -33,9 +34,13 @@ struct Figures {
 Figures figures(const PlanarPhantom& phantom, const FlowSettings& settings = {}, const cv::Mat& mask = {}) {
   const FlowResult result = computeFlow(phantom.first, phantom.second, mask, settings);
   const cv::Mat error = endpointError(result.flow, phantom.truth);
-  return {errorStatistics(error, phantom.core), errorStatistics(error, phantom.craniotomy),
-          errorStatistics(error, phantom.patch), confidenceStatistics(error, result.confidence, phantom.craniotomy),
-          rimBandWidth(error, phantom)};
+  const Figures found{errorStatistics(error, phantom.core), errorStatistics(error, phantom.craniotomy),
+                      errorStatistics(error, phantom.patch),
+                      confidenceStatistics(error, result.confidence, phantom.craniotomy), rimBandWidth(error, phantom)};
+  std::printf("core %.4f / %.4f, all %.3f, rim %.1f, patch %.2f px; wrong and flagged %.3f, right and kept %.3f\n",
+              found.core.median, found.core.percentile_95, found.all.mean, found.rim, found.patch.largest,
+              found.confidence.caught, found.confidence.kept);
+  return found;
 }
 
 // The paper's kind: Eq. (6)-(8) deform the whole image, or the craniotomy over its surround. Two cortices, neither of
@@ -98,7 +103,7 @@ TEST(Accuracy, TissueThatLeavesTheMask) {
 }
 
 TEST(Accuracy, FastPreset) {
-  EXPECT_LT(figures(phantomOf("outward_all"), FlowSettings::preset("fast")).core.median, 0.04);
+  EXPECT_LT(figures(phantomOf("outward_all"), FlowSettings::preset("fast")).core.median, 0.035);
 }
 
 TEST(Accuracy, SmoothField) { EXPECT_LT(figures(phantomOf("smooth600")).core.median, 0.012); }
@@ -110,7 +115,7 @@ TEST(Accuracy, ThePapersModel) {
 }
 
 TEST(Accuracy, Noise) {
-  for (const auto& [name, bound] : {std::pair("noise2", 0.04), std::pair("noise5", 0.10)}) {
+  for (const auto& [name, bound] : {std::pair("noise2", 0.023), std::pair("noise5", 0.04)}) {
     const Figures f = figures(phantomOf(name));
     EXPECT_LT(f.core.median, bound) << name;
     EXPECT_GT(f.confidence.kept, 0.9) << name;
@@ -119,8 +124,8 @@ TEST(Accuracy, Noise) {
 }
 
 TEST(Accuracy, Brightness) {
-  EXPECT_LT(figures(phantomOf("gain")).core.median, 0.05);
-  EXPECT_LT(figures(phantomOf("vignette")).core.median, 0.05);
+  EXPECT_LT(figures(phantomOf("gain")).core.median, 0.016);
+  EXPECT_LT(figures(phantomOf("vignette")).core.median, 0.034);
 }
 
 TEST(Accuracy, LargeMotion) {

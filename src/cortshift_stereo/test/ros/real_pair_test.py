@@ -8,9 +8,12 @@ import sys
 import tempfile
 import threading
 import unittest
+import xmlrpc.client
 
 import cv2
 import numpy as np
+import rosgraph
+import rosnode
 import rospy
 import rostest
 import tf2_ros
@@ -93,19 +96,30 @@ class RealPair(unittest.TestCase):
         rospy.Subscriber('/surface/points', PointCloud2, lambda cloud: cls.clouds.setdefault(cloud.header.stamp, cloud))
         rospy.wait_for_service('/stereo_driver/trigger', timeout=60)
         rospy.wait_for_service('/surface_reconstruction/average_pairs', timeout=60)
-        rospy.sleep(1.0)  # for the images' connections: no pair may be lost
+        # No pair may be lost: images and poses must arrive.
+        wait_until(cls.images_reach_reconstruction, 60, 'a connection for the images of both cameras')
+        wait_until(cls.poses.pub_tf.get_num_connections, 60, 'a connection for the poses')
+        sent = cls.poses_sent
+        wait_until(lambda: cls.poses_sent > sent + 10, 60, 'poses')
         cls.trigger = rospy.ServiceProxy('/stereo_driver/trigger', TriggerCapture)
+
+    @staticmethod
+    def images_reach_reconstruction():
+        driver = xmlrpc.client.ServerProxy(rosnode.get_api_uri(rosgraph.Master('/test_real_pair'), '/stereo_driver'))
+        connected = {link[4] for link in driver.getBusInfo('/test_real_pair')[2] if link[1] == '/surface_reconstruction'}
+        return {f'/stereo/{side}/{topic}' for side in ('left', 'right') for topic in ('image_raw', 'camera_info')} <= connected
 
     @classmethod
     def start_tracker(cls):
         fixed = tf2_ros.StaticTransformBroadcaster()
         fixed.sendTransform([transform('reference'), transform('left_optical')])
-        moving = tf2_ros.TransformBroadcaster()
+        cls.poses, cls.poses_sent = tf2_ros.TransformBroadcaster(), 0
         cls.stop = threading.Event()
 
         def track():
             while not cls.stop.wait(0.03):
-                moving.sendTransform(transform('microscope'))
+                cls.poses.sendTransform(transform('microscope'))
+                cls.poses_sent += 1
         cls.fixed, cls.tracker = fixed, threading.Thread(target=track)
         cls.tracker.start()
 

@@ -2,8 +2,10 @@
 // 1970): whatever a driver says about an image can be held against that.
 //   fake_gige_camera ADDRESS SERIAL
 #include <arv.h>
+#include <sys/prctl.h>
 
 #include <chrono>
+#include <csignal>
 #include <cstdio>
 #include <cstring>
 
@@ -27,6 +29,7 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "usage: fake_gige_camera ADDRESS SERIAL\n");
     return 2;
   }
+  prctl(PR_SET_PDEATHSIG, SIGKILL);  // a test that is killed leaves no camera behind
   ArvGvFakeCamera* camera = arv_gv_fake_camera_new(argv[1], argv[2]);
   if (camera == nullptr || !arv_gv_fake_camera_is_running(camera)) {
     std::fprintf(stderr, "fake_gige_camera: cannot serve on %s\n", argv[1]);

@@ -32,15 +32,26 @@ class Live(unittest.TestCase):
         cls.surfaces, cls.fields = [], []
         rospy.Subscriber('/surface/points', PointCloud2, lambda m: cls.surfaces.append(m.header.stamp), buff_size=1 << 26)
         rospy.Subscriber('/shift/field', DisplacementField, cls.fields.append)
+        wait_until(cls.sees, LONG, 'the first surface')
         for answer in (cls.set_stage(STAGES[0]), cls.tracker.capture_stage('before', ''), cls.set_stage(STAGES[1])):
             assert answer.success, answer.message
 
+    @classmethod
+    def sees(cls):
+        """A pair is fired, since at first nobody may be connected to the images, and time given to become a surface."""
+        cls.trigger()
+        rospy.sleep(1)
+        return bool(cls.surfaces)
+
     def setUp(self):
-        self.surfaces.clear()
-        self.fields.clear()
         answer = self.track('before', True)
         self.assertTrue(answer.success, answer.message)
         self.addCleanup(self.track, '', False)
+        # It begins with the newest surface that there is. From here on all are of this test.
+        first = self.fire()
+        wait_until(lambda: first in self.stamps(), LONG, 'the first field')
+        self.surfaces.clear()
+        self.fields.clear()
 
     def fire(self):
         answer = self.trigger()

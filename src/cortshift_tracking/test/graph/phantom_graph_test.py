@@ -39,8 +39,8 @@ class PhantomGraph(unittest.TestCase):
         summary, field = self.shift(STAGES[0], STAGES[2])
         with tempfile.TemporaryDirectory() as folder:
             error = error_of_phantom_field(CASE, STAGES[0], STAGES[2], field, folder)
-        self.assertLess(error['error_median_mm'], 0.04)
-        self.assertLess(error['error_p95_mm'], 0.12)
+        self.assertLess(error['error_median_mm'], 0.033)
+        self.assertLess(error['error_p95_mm'], 0.115)
         self.assertGreater(error['coverage'], 0.95)
         self.assertLess(summary.normal_mean, 0)     # it sags
         self.assertGreater(summary.gravity_mean, 0)

@@ -11,6 +11,7 @@ import time
 import pytest
 import yaml
 from cortshift_tracking.theatre import preflight as pf
+from graph import wait_until
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 NOW = datetime.datetime(2026, 5, 1, tzinfo=datetime.timezone.utc).timestamp()
@@ -149,7 +150,7 @@ def test_clock_of_the_tracker(site):
 def test_no_cameras(site):
     site['stereo_driver']['source'] = 'none'
     assert 'source is none' in findings(site)['cameras']
-    site['stereo_driver'].update(source='aravis', aravis={'left': {'device': '127.0.0.1'}})
+    site['stereo_driver'].update(source='aravis', aravis={'left': {'device': '127.0.0.7'}})  # nobody's address
     found = findings(site)
     assert 'does not answer' in found['left camera'] and 'aravis/right/device' in found['right camera']
 
@@ -158,9 +159,9 @@ def test_cameras_and_their_size(site):
     program = next(path for path in (pathlib.Path(folder) / 'lib/cortshift_stereo/fake_gige_camera'
                                      for folder in os.environ['CMAKE_PREFIX_PATH'].split(':')) if path.exists())
     with subprocess.Popen([program, '127.0.0.1', 'GV0']) as camera:
-        time.sleep(1)
         try:
             site['stereo_driver'].update(source='aravis', aravis={'left': {'device': '127.0.0.1'}})
+            wait_until(lambda: 'does not answer' not in findings(site).get('left camera', ''), 60, 'a camera that answers')
             assert '512 x 512 pixels, the calibration is for 320 x 240' in findings(site)['left camera']
             site['stereo_driver']['aravis']['left']['features'] = ['Width=320', 'Height=240']
             assert 'answers' in findings(site, pf.OK)['left camera']

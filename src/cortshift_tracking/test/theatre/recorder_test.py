@@ -99,7 +99,8 @@ class Recorder(unittest.TestCase):
             os.kill(int(pid), signal.SIGKILL)
         wait_until(lambda: self.status is not None and 'started again' in self.status.message, 30, 'warning')
         wait_until(lambda: len(os.listdir(self.folder.name)) == 2, 30, 'the second file')
-        time.sleep(1)
+        sent = self.sent
+        wait_until(lambda: self.sent > sent + 20, 30, 'something to record')
         self.stop()
         self.assertEqual(len(self.bags()), 1)  # the second one, whole
 

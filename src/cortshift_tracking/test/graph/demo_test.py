@@ -1,0 +1,66 @@
+"""script/demo as a user runs it, but into a folder of its own: its numbers, its picture in rviz, its report."""
+import csv
+import pathlib
+import subprocess
+
+import cv2
+import numpy as np
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[4]
+STAGES = ('dural_opening', 'early_resection', 'after_resection')
+
+
+def demo(*arguments):
+    return subprocess.run([str(ROOT / 'script/demo'), *map(str, arguments)], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope='module')
+def shown(tmp_path_factory):
+    """What the demo prints and the folder that it leaves."""
+    folder = tmp_path_factory.mktemp('demo') / 'out'
+    done = demo('--built', folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    print(done.stdout)
+    return done.stdout, folder
+
+
+def test_its_numbers_are_those_of_the_readme(shown):
+    printed, folder = shown
+    with open(folder / 'summary.csv', newline='', encoding='utf-8') as file:
+        rows = {row['pair']: row for row in csv.DictReader(file)}
+    assert list(rows) == [f'{STAGES[a]} -> {STAGES[b]}' for a, b in ((0, 1), (1, 2), (0, 2))]
+    for pair, row in rows.items():
+        # The README: a median error of 0.02 mm and a 95th percentile of 0.08 mm over 98 % of the craniotomy.
+        assert float(row['error_median_mm']) < 0.03 and float(row['error_p95_mm']) < 0.12 and float(row['coverage']) > 0.96
+        assert pair in printed and f"{float(row['error_median_mm']):.3f}" in printed
+    whole = rows[f'{STAGES[0]} -> {STAGES[2]}']
+    assert float(whole['normal_mean_mm']) < 0 < float(whole['gravity_mean_mm'])   # it sinks
+
+
+def test_rviz_shows_the_surface_and_the_arrows(shown):
+    picture = cv2.imread(str(shown[1] / 'rviz.png')).astype(int)
+    blue, green, red = np.moveaxis(picture, 2, 0)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 5000
+    assert ((red > green + 40) & (red > blue + 40)).mean() > 0.04      # brain
+    assert ((blue > red + 60) & (blue > green + 20)).mean() > 0.01     # drape
+    assert ((green > red + 30) & (green > blue + 30)).mean() > 0.0003  # only arrows of middling length are green
+
+
+def test_every_pair_has_its_pictures_and_the_report_holds_them(shown):
+    _, folder = shown
+    for pair in ((0, 1), (1, 2), (0, 2)):
+        for name in ('before', 'after', 'magnitude'):
+            assert cv2.imread(str(folder / f'{STAGES[pair[0]]}__{STAGES[pair[1]]}_{name}.png')).std() > 10
+    page = (folder / 'report.html').read_text(encoding='utf-8')
+    assert 'the built-in phantom' in page and f'pmr \u2192 {STAGES[0]}' in page
+    assert page.count('<img src="data:image/png;base64,') == 2 + 4 * 4   # timeline, MR; per pair overlays, maps, vectors, trust
+    told = subprocess.run(['pdfinfo', str(folder / 'report.pdf')], capture_output=True, text=True, check=True).stdout
+    assert 'the built-in phantom' in told or int(told.split('Pages:')[1].split()[0]) >= 3
+
+
+def test_arguments(tmp_path):
+    assert '--built' in demo('--help').stdout
+    assert demo('--nothing').returncode == 2 and demo(tmp_path / 'a', tmp_path / 'b').returncode == 2
+    there = demo('--built', tmp_path)
+    assert there.returncode == 1 and 'exists already' in there.stderr
