@@ -122,7 +122,8 @@ class DemoCase(unittest.TestCase):
             self.assertEqual(row[1:3], [4, 4])
             self.assertTrue(np.isfinite(row[1:]).all())
         for row in third:
-            self.assertTrue(np.isfinite(row[1:]).all())
+            self.assertTrue(np.isfinite(row[1:-1]).all())
+            self.assertEqual(row[-1], '')  # no warnings
             self.assertTrue(row[4] > 0 > row[6])  # it sinks
 
     def test_shift_from_the_mr_and_the_report_with_it(self):

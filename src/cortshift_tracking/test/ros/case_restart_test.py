@@ -20,7 +20,7 @@ from sheet import SIZE, SheetSource, sheet  # noqa: E402
 LIFT = 0.001       # m, of the later surface
 STATE = 'shift_tracker: state'
 COARSE = {'resolution': 0.0004, 'coarse_resolution': 0.0004, 'capture_timeout': 5.0}
-SQUARE = [[0.02, 0.02], [0.03, 0.02], [0.03, 0.03], [0.02, 0.03]]  # m, in the projection frame
+SQUARE = [[0.025, 0.025], [0.035, 0.025], [0.035, 0.035], [0.025, 0.035]]  # m, in the projection frame: the middle of the sheet
 
 
 class CaseRestart(unittest.TestCase):
@@ -99,7 +99,7 @@ class CaseRestart(unittest.TestCase):
         self.assertEqual(state['excluded_stages'], 'a')
         self.compute('other', 'b')
         self.compute('a', 'b')
-        row = column = int(0.025 / 0.0004)  # the middle of the square
+        row = column = int(0.03 / 0.0004)  # the middle of the square
         self.assertTrue(np.isnan(field_arrays(self.tracker.field('a', 'b'))[1][row, column]).all())
         whole = field_arrays(self.tracker.field('other', 'b'))[1]
         self.assertTrue(np.isfinite(whole[row, column]).all())
@@ -114,7 +114,7 @@ class CaseRestart(unittest.TestCase):
         self.assertLess(np.abs(values[there][:, 3:6] - [0, 0, LIFT]).max(), 1e-4)
         surface = np.frombuffer(sheet(rospy.Time()).data, np.float32).reshape(SIZE, SIZE, 5)
         self.assertTrue((values[there][:, :3] == surface[there][:, :3]).all())
-        self.assertFalse(there[100, 100])  # in the excluded square
+        self.assertFalse(there[SIZE // 2, SIZE // 2])  # in the excluded square
 
     def test_a_case_state_that_is_damaged_is_named(self):
         with open(os.path.join(self.folder, 'case_state.json'), 'w', encoding='utf-8') as file:

@@ -19,7 +19,7 @@ from sheet import SheetSource  # noqa: E402
 
 STATE = 'shift_tracker: state'
 GRID = 0.0008  # m, of the live mode
-SQUARE = [[0.02, 0.02], [0.03, 0.02], [0.03, 0.03], [0.02, 0.03]]  # m, in the projection frame
+SQUARE = [[0.025, 0.025], [0.035, 0.025], [0.035, 0.035], [0.025, 0.035]]  # m, in the projection frame: the middle of the sheet
 
 
 class LiveState(unittest.TestCase):
@@ -55,7 +55,7 @@ class LiveState(unittest.TestCase):
     def test_exclusions_count_at_once(self):
         self.capture('drawn_on')
         self.assertTrue(self.tracker.track('drawn_on', True).success)
-        middle = int(0.025 / GRID)
+        middle = int(0.03 / GRID)
         self.assertTrue(np.isfinite(self.live_field()[middle, middle]).all())
         answer = self.tracker.exclude_regions('drawn_on', [Polygon([Point32(x, y, 0) for x, y in SQUARE])])
         self.assertTrue(answer.success, answer.message)

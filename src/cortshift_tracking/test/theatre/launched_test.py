@@ -16,7 +16,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rosgraph_msgs.msg import Clock
 from tf2_msgs.msg import TFMessage
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
+SUPPORT = os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support')
+sys.path[:0] = [SUPPORT, os.path.join(SUPPORT, 'project')]
 from graph import wait_until  # noqa: E402
 from site_example import with_examples  # noqa: E402
 

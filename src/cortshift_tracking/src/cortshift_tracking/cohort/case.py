@@ -15,7 +15,7 @@ from cortshift_tracking.errors import CaseError
 
 INTERRUPTED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)   # somebody stopped the cohort, not this case
 TABLE = 'table_3.csv'
-OUT_OF_MEMORY = re.compile('bad_alloc|MemoryError|[Aa]llocat|cannot map|failed to map')
+OUT_OF_MEMORY = re.compile('bad_alloc|MemoryError|SystemError|[Aa]llocat|cannot map|failed to map')
 
 
 class Interrupted(Exception):
@@ -32,7 +32,9 @@ def _run(tool, arguments, log, limit_mb=0):
         if limit_mb:
             resource.setrlimit(resource.RLIMIT_DATA, (limit_mb << 20, limit_mb << 20))
     done = subprocess.run(['rosrun', 'cortshift_tracking', tool, *map(str, arguments)], stdout=subprocess.PIPE,
-                          stderr=subprocess.PIPE, universal_newlines=True, check=False, preexec_fn=bound)
+                          stderr=subprocess.PIPE, universal_newlines=True, check=False, preexec_fn=bound,
+                          # Each thread of OpenBLAS wants 128 MB, asks for them for ever, and its library waits for it at the end.
+                          env=dict(os.environ, OPENBLAS_NUM_THREADS='1'))
     log.write(f'$ {tool} {" ".join(map(str, arguments))}\n{done.stdout}{done.stderr}')
     log.flush()
     if done.returncode < 0 or done.returncode > 128:

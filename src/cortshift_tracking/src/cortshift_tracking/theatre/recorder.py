@@ -1,4 +1,5 @@
 """Records a case on the way: bags of some minutes that stand alone, compressed, the oldest given up when there are too many."""
+import ctypes
 import os
 import shutil
 import signal
@@ -12,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from cortshift_tracking.parameters import Number, ParameterError, read_parameters
 
 GIGABYTE = 1e9
+PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 PERIOD = 1.0       # s between looks
 SILENCE = 20.0     # s without growth: nothing is published, or the disk does not take it
 LOSS_SHOWN = 60.0  # s that a loss is warned of; the sum stays among the values
@@ -25,6 +27,11 @@ PARAMETERS = {
     'compression': 'lz4',                      # lz4 or none
     'min_disk_gb': Number(2.0, 0.1, 1000.0),   # below this recording pauses: the stages need the rest
 }
+
+
+def _end_with_parent():
+    """For a child between fork and exec: if this node is killed, what it started closes its file and ends."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 class Recorder:
@@ -42,11 +49,12 @@ class Recorder:
             os.makedirs(self._folder, exist_ok=True)
         except OSError as error:
             raise ParameterError(f'parameter {rospy.get_name()}/folder: {error}') from error
-        self._process = None
+        self._process, self._ending = None, False
+        self._lock = threading.Lock()  # of the two
         self._starts, self._size, self._grown = 0, 0, time.monotonic()
         self._lost, self._lost_at, self._failure = {}, None, ''  # by topic, of the running recorder; why the last one ended
         self._diagnostics = rospy.Publisher('/diagnostics', DiagnosticArray, queue_size=5)
-        rospy.on_shutdown(self._stop)
+        rospy.on_shutdown(self._end)
         threading.Thread(target=self._watch, daemon=True).start()
 
     def _start(self):
@@ -56,7 +64,12 @@ class Recorder:
                    str(self._values['files']), '--compression', self._values['compression'], '__name:=case_recording']
         for topic in INFOS:
             command += ['--hold', topic]
-        self._process = subprocess.Popen(command + TOPICS, stdout=subprocess.PIPE, universal_newlines=True)
+        # In a session of its own: a signal to all that this node started must not end it behind the node's back.
+        with self._lock:
+            if self._ending:
+                return
+            self._process = subprocess.Popen(command + TOPICS, stdout=subprocess.PIPE, universal_newlines=True, start_new_session=True,
+                                             preexec_fn=_end_with_parent)
         threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
         self._starts += 1
 
@@ -73,8 +86,14 @@ class Recorder:
             elif word == 'failed':
                 self._failure = rest
 
+    def _end(self):
+        with self._lock:
+            self._ending = True
+        self._stop()
+
     def _stop(self):
-        process, self._process = self._process, None
+        with self._lock:
+            process, self._process = self._process, None
         if process is not None and process.poll() is None:
             process.send_signal(signal.SIGINT)  # closes the file with its index
             try:

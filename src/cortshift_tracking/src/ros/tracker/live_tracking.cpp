@@ -88,18 +88,21 @@ void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
   std::vector<Region> excluded;  // in the reference
   unsigned long seen = 0;
   cv::Mat prediction;  // from the field before
+  const auto prepare = [&] {
+    requireThere(case_.store, from);
+    const std::vector<Region> regions = case_.state.regionsOf(from);
+    if (reference && regions == excluded) return;
+    const StageRecord record = case_.store.load(from.key);
+    const std::lock_guard<std::mutex> guard(case_.computing);
+    reference = prepareReference(cortshift_stereo::surfaceFromPointCloud2(*record.surface), settings_, regions);
+    excluded = regions;
+  };
   while (wanted_) {
     try {
-      requireThere(case_.store, from);
-      const std::vector<Region> regions = case_.state.regionsOf(from);
-      if (!reference || regions != excluded) {
-        const StageRecord record = case_.store.load(from.key);
-        const std::lock_guard<std::mutex> guard(case_.computing);
-        reference = prepareReference(cortshift_stereo::surfaceFromPointCloud2(*record.surface), settings_, regions);
-        excluded = regions;
-      }
+      prepare();
       const sensor_msgs::PointCloud2ConstPtr surface = feed_.inbox().waitForNewer(seen, kLook);
       if (!surface) continue;
+      prepare();  // what was excluded during the wait counts for this surface already
       cortshift_msgs::StageInfo to;  // a surface that is no stage has no key
       to.stamp = surface->header.stamp;
       if (!sameRegistration(from.registration, placement_.registration.newest()))
