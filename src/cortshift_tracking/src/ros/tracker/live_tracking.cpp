@@ -102,7 +102,7 @@ void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
       prepare();
       const sensor_msgs::PointCloud2ConstPtr surface = feed_.inbox().waitForNewer(seen, kLook);
       if (!surface) continue;
-      prepare();  // what was excluded during the wait counts already
+      prepare();                     // what was excluded during the wait counts already
       cortshift_msgs::StageInfo to;  // a surface that is no stage has no key
       to.stamp = surface->header.stamp;
       if (!sameRegistration(from.registration, placement_.registration.newest()))
