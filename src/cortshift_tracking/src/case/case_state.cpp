@@ -38,6 +38,15 @@ void list(std::ostream& out, const Items& items, const Write& write) {
   out << ']';
 }
 
+void writeStamp(std::ostream& out, const ros::Time& stamp) { out << '[' << stamp.sec << ", " << stamp.nsec << ']'; }
+
+/// @param whose  for the refusal
+ros::Time stampOf(const YAML::Node& node, const std::string& whose) {
+  const auto stamp = node.as<std::vector<std::uint32_t>>();
+  if (stamp.size() != 2 || stamp[1] >= 1000000000U) throw TrackingError("the stamp of '" + whose + "' is none");
+  return {stamp[0], stamp[1]};
+}
+
 double finite(const YAML::Node& node) {
   const auto value = node.as<double>();
   if (!std::isfinite(value)) throw TrackingError("it holds a number that is not finite");
@@ -105,6 +114,19 @@ void CaseState::setGravity(const Eigen::Vector3d& direction_pmr, const std::stri
   const std::lock_guard<std::mutex> guard(mutex_);
   Content changed = content();
   changed.gravity = Gravity{direction_pmr, source};
+  write(changed);
+}
+
+std::optional<LiveMode> CaseState::live() const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return content().live;
+}
+
+void CaseState::setLive(const std::optional<LiveMode>& live) {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  Content changed = content();
+  if (!live && !changed.live) return;
+  changed.live = live;
   write(changed);
 }
 
@@ -180,15 +202,22 @@ std::string CaseState::toJson(const Content& content) {
   out << ",\n \"excluded\": {";
   bool first = true;
   for (const auto& [key, excluded] : content.excluded) {
-    out << (first ? "\n  " : ",\n  ") << quoted(key) << ": {\"stamp\": [" << excluded.stamp.sec << ", "
-        << excluded.stamp.nsec << "], \"regions\": ";
+    out << (first ? "\n  " : ",\n  ") << quoted(key) << ": {\"stamp\": ";
+    writeStamp(out, excluded.stamp);
+    out << ", \"regions\": ";
     first = false;
     list(out, excluded.regions, [&](const Region& region) {
       list(out, region, [&](const cv::Point2d& corner) { out << '[' << corner.x << ", " << corner.y << ']'; });
     });
     out << '}';
   }
-  out << "}}\n";
+  out << '}';
+  if (content.live) {
+    out << ",\n \"live\": {\"from\": " << quoted(content.live->key) << ", \"stamp\": ";
+    writeStamp(out, content.live->stamp);
+    out << ", \"run\": " << quoted(content.live->run) << '}';
+  }
+  out << "}\n";
   return out.str();
 }
 
@@ -215,9 +244,7 @@ CaseState::Content CaseState::fromJson(const std::string& text) {
     const auto key = entry.first.as<std::string>();
     requireKey(key);
     Excluded& out = content.excluded[key];
-    const auto stamp = entry.second["stamp"].as<std::vector<std::uint32_t>>();
-    if (stamp.size() != 2 || stamp[1] >= 1000000000U) throw TrackingError("the stamp of '" + key + "' is none");
-    out.stamp = ros::Time(stamp[0], stamp[1]);
+    out.stamp = stampOf(entry.second["stamp"], key);
     for (const YAML::Node& polygon : entry.second["regions"]) {
       Region region;
       for (const YAML::Node& corner : polygon) {
@@ -227,6 +254,11 @@ CaseState::Content CaseState::fromJson(const std::string& text) {
       out.regions.push_back(region);
     }
     excludedMask(ProjectionFrame(), out.regions);  // checks them
+  }
+  if (const YAML::Node live = root["live"]) {
+    const auto key = live["from"].as<std::string>();
+    requireKey(key);
+    content.live = {key, stampOf(live["stamp"], key), live["run"].as<std::string>()};
   }
   return content;
 }

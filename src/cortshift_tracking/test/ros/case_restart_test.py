@@ -71,19 +71,21 @@ class CaseRestart(unittest.TestCase):
         self.start()
         self.assertEqual([s.key for s in self.tracker.list_stages().stages], ['a', 'b'])
         state = self.diagnostics.wait_for(STATE, gravity='0.0000 0.0000 -1.0000', gravity_from='kept with the case',
-                                          excluded_stages='a', live='off', live_from='')
+                                          excluded_stages='a', live='on', live_from='a')
         self.assertEqual(state['message'], 'ok')
+        self.assertTrue(self.tracker.track('', False).success)
         after = self.compute('a', 'b')
         self.assertEqual((after.valid_points, after.gravity_mean, after.magnitude_mean),
                          (before.valid_points, before.gravity_mean, before.magnitude_mean))
 
-        # What was drawn on a stage goes with it, over a restart too.
+        # What was drawn on a stage goes with it, over a restart too; and so does live mode.
+        self.assertTrue(self.tracker.track('a', True).success)
         self.assertTrue(self.tracker.delete_stage('a').success)
         self.node.end(signal.SIGKILL)
         self.start(gravity=[0.0, -1.0, 0.0])
         self.capture('a')
         self.capture('c', LIFT)
-        self.diagnostics.wait_for(STATE, gravity='0.0000 0.0000 -1.0000', excluded_stages='',
+        self.diagnostics.wait_for(STATE, gravity='0.0000 0.0000 -1.0000', excluded_stages='', live='off',
                                   gravity_from='the parameter gravity, 90.0 degrees from it, does not count')
         self.assertEqual(self.compute('a', 'c').valid_points, whole.valid_points)
         self.assertEqual(self.node.end(), 0)

@@ -1,4 +1,4 @@
-// What belongs to a case beside its stages: gravity and the regions excluded by hand. On disk before it counts.
+// What belongs to a case beside its stages: gravity, the regions excluded by hand, live mode. On disk before it counts.
 #pragma once
 
 #include <cortshift_msgs/StageInfo.h>
@@ -24,6 +24,13 @@ using RegionsByKey = std::map<std::string, std::vector<Region>>;
 struct Gravity {
   Eigen::Vector3d direction_pmr;  ///< unit length, down
   std::string source;             ///< where it is from, for people
+};
+
+/// Live mode that is on: it goes on where the node is started again under the same master.
+struct LiveMode {
+  std::string key;  ///< of the stage that it starts from
+  ros::Time stamp;  ///< of that stage: another one of the same key is another one
+  std::string run;  ///< run_id of the master
 };
 
 /// Thread-safe. Kept in case_state.json of the case folder, which the StageStore of the case holds the lock of.
@@ -53,6 +60,12 @@ class CaseState {
   /// Returns when it is safe on disk. @param direction_pmr unit length @throws TrackingError; then nothing has changed
   void setGravity(const Eigen::Vector3d& direction_pmr, const std::string& source);
 
+  /// @throws UnreadableFile
+  std::optional<LiveMode> live() const;
+
+  /// Nothing: live mode is off. See setGravity.
+  void setLive(const std::optional<LiveMode>& live);
+
   /// Replaces the regions of a stage; see setGravity. @throws TrackingError also for what is no region
   void exclude(const cortshift_msgs::StageInfo& stage, const std::vector<Region>& regions);
 
@@ -70,6 +83,7 @@ class CaseState {
   struct Content {
     std::optional<Gravity> gravity;
     std::map<std::string, Excluded> excluded;
+    std::optional<LiveMode> live;
   };
 
   Content& content() const;  // of the file, which is read first where it has not been

@@ -13,7 +13,7 @@ from sensor_msgs.msg import Image
 from cortshift_tracking.console.worker import DeskError
 
 PAGE = Path(__file__).with_name('page.html')
-PICTURES = {'overlay_before': '/shift/overlay_before', 'overlay_after': '/shift/overlay_after', 'magnitude': '/shift/magnitude'}
+PICTURES = {'overlay_before': 'shift/overlay_before', 'overlay_after': 'shift/overlay_after', 'magnitude': 'shift/magnitude'}
 PATHS = {f'/picture/{name}.png': name for name in PICTURES}
 MAX_REQUEST = 4096       # bytes
 WIDEST_PICTURE = 900     # pixels; more does not fit beside the others
