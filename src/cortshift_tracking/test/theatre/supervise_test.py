@@ -104,5 +104,12 @@ def test_a_node_goes_with_its_supervisor_and_roslaunch_can_end_both(launcher):
             time.sleep(0.02)
 
 
-def test_usage():
-    assert subprocess.run([SUPERVISE], capture_output=True, check=False).returncode == 2
+def test_files_are_for_their_owner_alone(tmp_path, launcher, master, monkeypatch):
+    monkeypatch.setenv('ROS_MASTER_URI', master[0])
+    launcher('--umask', '0077', 'sh', '-c', f'mkdir {tmp_path}/case; : > {tmp_path}/case/a; kill -9 $$').communicate()
+    assert [(tmp_path / name).stat().st_mode & 0o777 for name in ('case', 'case/a')] == [0o700, 0o600]
+
+
+@pytest.mark.parametrize('words', [[], ['--optional'], ['--umask', '0077'], ['--umask', 'x', 'true'], ['--what', 'true']])
+def test_usage(words):
+    assert subprocess.run([SUPERVISE, *words], capture_output=True, check=False).returncode == 2
