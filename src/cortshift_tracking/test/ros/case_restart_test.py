@@ -72,7 +72,7 @@ class CaseRestart(unittest.TestCase):
         self.assertEqual([s.key for s in self.tracker.list_stages().stages], ['a', 'b'])
         state = self.diagnostics.wait_for(STATE, gravity='0.0000 0.0000 -1.0000', gravity_from='kept with the case',
                                           excluded_stages='a', live='on', live_from='a')
-        self.assertEqual(state['message'], 'ok')
+        self.assertEqual(state['message'], 'live from a')
         self.assertTrue(self.tracker.track('', False).success)
         after = self.compute('a', 'b')
         self.assertEqual((after.valid_points, after.gravity_mean, after.magnitude_mean),
@@ -81,6 +81,8 @@ class CaseRestart(unittest.TestCase):
         # What was drawn on a stage goes with it, over a restart too; and so does live mode.
         self.assertTrue(self.tracker.track('a', True).success)
         self.assertTrue(self.tracker.delete_stage('a').success)
+        with open(os.path.join(self.folder, 'case_log.txt'), encoding='utf-8') as file:
+            self.assertRegex(file.read(), r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ deleted stage 'a', captured \S+Z, asked by /case_restart\S*\n$")
         self.node.end(signal.SIGKILL)
         self.start(gravity=[0.0, -1.0, 0.0])
         self.capture('a')
