@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "cortshift_flow/text.hpp"
-#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {

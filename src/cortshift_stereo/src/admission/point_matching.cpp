@@ -5,6 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "cortshift_stereo/admission/row_agreement.hpp"
+#include "rectification/fill.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -14,6 +15,7 @@ constexpr double kMostError = 0.5;      // [px] of a row, to count as measured
 constexpr double kLeastAlike = 0.7;     // correlation of the two windows
 constexpr double kMostReturn = 0.3;     // [px] apart after matching there and back, beyond three standard errors
 constexpr double kFarthest = 12;        // [px] from where matching started
+constexpr std::size_t kFewestMatched = 40;  // twice what a verdict needs
 constexpr double kNeighboursShare = 3;  // pixels around share their noise: images are blurred before resampling
 
 struct View {
@@ -158,9 +160,7 @@ View reduced(const View& view, int factor) {
   return out;
 }
 
-}  // namespace
-
-std::vector<MatchedPoint> matchPoints(const RectifiedPair& pair, const cv::Mat& disparity) {
+std::vector<MatchedPoint> matchFrom(const RectifiedPair& pair, const cv::Mat& disparity) {
   constexpr int kCoarse = 4;
   const View left{pair.left, pair.left_usable}, right{pair.right, pair.right_usable};
   const View left_coarse = reduced(left, kCoarse), right_coarse = reduced(right, kCoarse);
@@ -194,6 +194,17 @@ std::vector<MatchedPoint> matchPoints(const RectifiedPair& pair, const cv::Mat& 
                                [](const MatchedPoint& point) { return !std::isfinite(point.sd_row); }),
                 matched.end());
   return matched;
+}
+
+}  // namespace
+
+std::vector<MatchedPoint> matchPoints(const RectifiedPair& pair, const cv::Mat& disparity) {
+  std::vector<MatchedPoint> matched = matchFrom(pair, disparity);
+  if (matched.size() >= kFewestMatched) return matched;
+  // Rows that are off by several pixels leave few disparities; those that there are say where the others may be.
+  const cv::Mat known = disparity == disparity;
+  if (cv::countNonZero(known) == 0) return matched;
+  return matchFrom(pair, fillUnknown(disparity, known));
 }
 
 }  // namespace cortshift_stereo

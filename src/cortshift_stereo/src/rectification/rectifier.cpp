@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <opencv2/calib3d.hpp>
 #include <opencv2/core/hal/intrin.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -157,7 +158,6 @@ Rectifier::Rectifier(const StereoModel& model, const SettingsFields& fields, con
 
 Rectifier::Side Rectifier::makeSide(const CameraModel& camera, const SettingsWarp* warp,
                                     const MicroscopeSetting& setting) {
-  const cv::Size size = camera.size;
   Side side;
   side.calibrated_map = rectifyingMap(camera);
   side.map = warp != nullptr ? warp->compose(side.calibrated_map, setting) : side.calibrated_map;
