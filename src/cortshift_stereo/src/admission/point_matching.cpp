@@ -10,13 +10,13 @@
 namespace cortshift_stereo {
 namespace {
 
-constexpr int kHalfWindow = 10;         // [px]
-constexpr double kMostError = 0.5;      // [px] of a row, to count as measured
-constexpr double kLeastAlike = 0.7;     // correlation of the two windows
-constexpr double kMostReturn = 0.3;     // [px] apart after matching there and back, beyond three standard errors
-constexpr double kFarthest = 12;        // [px] from where matching started
+constexpr int kHalfWindow = 10;             // [px]
+constexpr double kMostError = 0.5;          // [px] of a row, to count as measured
+constexpr double kLeastAlike = 0.7;         // correlation of the two windows
+constexpr double kMostReturn = 0.3;         // [px] apart after matching there and back, beyond three standard errors
+constexpr double kFarthest = 12;            // [px] from where matching started
 constexpr std::size_t kFewestMatched = 40;  // twice what a verdict needs
-constexpr double kNeighboursShare = 3;  // pixels around share their noise: images are blurred before resampling
+constexpr double kNeighboursShare = 3;      // pixels around share their noise: images are blurred before resampling
 
 struct View {
   cv::Mat_<float> image;

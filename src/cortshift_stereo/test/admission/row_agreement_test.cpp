@@ -125,8 +125,9 @@ TEST(RowAgreement, oneImageBlurredAgainstTheOtherIsRefusedByItsSide) {
   const cv::Mat left = scene.left();
   scene.blur = 6;
   ReconstructionSettings settings;
-  settings.limits.min_sharpness = 0;        // which would see it by itself
-  settings.limits.max_sharpness_ratio = 2;  // this scene has as much detail of 2-4 px as of 8-16: blurred it keeps 1 / 2.4
+  settings.limits.min_sharpness = 0;  // which would see it by itself
+  settings.limits.max_sharpness_ratio =
+      2;  // this scene has as much detail of 2-4 px as of 8-16: blurred it keeps 1 / 2.4
   try {
     reconstruct(left, scene.right(), Rectifier(scene.model()), settings);
     FAIL();
