@@ -51,9 +51,10 @@ TEST(ToolBoard, SaysUnderWhichNamesPosesComeWhereTheConfiguredOneIsNotHeard) {
   EXPECT_EQ(tools.report(kNow)[0].reason, "the device has sent nothing");
   tools.receive(1, transform("Scope", kNow, kPose), kNow);
   tools.receive(1, transform("MicroscopeToReference", kNow, kPose), kNow);
-  EXPECT_EQ(tools.report(kNow)[0].reason,
-            "the device has sent nothing; poses come under names that are not configured: MicroscopeToReference, Scope; "
-            "set `device` of the tool to the name that is sent");
+  EXPECT_EQ(
+      tools.report(kNow)[0].reason,
+      "the device has sent nothing; poses come under names that are not configured: MicroscopeToReference, Scope; "
+      "set `device` of the tool to the name that is sent");
   for (int i = 0; i < 1000; ++i) tools.receive(1, transform("T" + std::to_string(i), kNow, kPose), kNow);
   EXPECT_LT(tools.report(kNow)[0].reason.size(), 700u);
   tools.receive(1, transform("MicroscopeToReferen", kNow, kPose), kNow);
