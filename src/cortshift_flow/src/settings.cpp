@@ -30,6 +30,7 @@ const std::vector<Entry>& entries() {
       {"coarse_polish_iterations", &FlowSettings::coarse_polish_iterations, nullptr, 0, 100},
       {"full_polish_iterations", &FlowSettings::full_polish_iterations, nullptr, 1, 100},
       {"finest_level", &FlowSettings::finest_level, nullptr, 0, 2},
+      {"judge", &FlowSettings::judge, nullptr, 0, 1},
       {"most_unsure", nullptr, &FlowSettings::most_unsure, 0, 1},
       {"search_range", nullptr, &FlowSettings::search_range, 0.01, 0.5},
   };
@@ -64,11 +65,16 @@ void readKey(const cv::FileNode& node, FlowSettings& settings) {
 
 }  // namespace
 
-std::vector<std::string> FlowSettings::presetNames() { return {"default", "fast", "ji2014"}; }
+std::vector<std::string> FlowSettings::presetNames() { return {"default", "judged", "fast", "ji2014"}; }
 
 FlowSettings FlowSettings::preset(const std::string& name) {
   FlowSettings settings;
   if (name == "default") return settings;
+  if (name == "judged") {
+    settings.judge = 1;
+    settings.most_unsure = 0.05;  // chosen on the sets "fit" and "choose" of benchmark/trust_pairs.py
+    return settings;
+  }
   if (name == "fast") {
     settings.finest_level = 1;
     settings.coarse_polish_iterations = 2;
