@@ -14,6 +14,7 @@ namespace {
 using cortshift_flow::requireRange;
 
 constexpr double kNanoseconds = 1e9;
+constexpr std::size_t kMostOthers = 20;  // names; a peer may invent a new one each time
 
 std::int64_t nanoseconds(double seconds) { return std::llround(seconds * kNanoseconds); }
 
@@ -88,9 +89,15 @@ std::vector<TrackedPose> ToolBoard::receive(std::uint64_t peer, const Message& m
     if (status.code != 1)
       samples.push_back({message.device, std::nullopt, "the device reports status " + std::to_string(status.code)});
   }
-  for (const ToolSample& sample : samples)
-    for (Tool& tool : tools_)
-      if (tool.settings.device == sample.tool) take(tool, peer, sample, message.stamp_ns, now_ns, &poses);
+  for (const ToolSample& sample : samples) {
+    bool known = false;
+    for (Tool& tool : tools_) {
+      if (tool.settings.device != sample.tool) continue;
+      take(tool, peer, sample, message.stamp_ns, now_ns, &poses);
+      known = true;
+    }
+    if (!known) hearOther(sample.tool);
+  }
   combine(&poses);
   return poses;
 }
@@ -162,6 +169,19 @@ void ToolBoard::combine(std::vector<TrackedPose>* poses) {
   }
 }
 
+void ToolBoard::hearOther(const std::string& device) {
+  if (others_.size() < kMostOthers) others_.insert(device);
+}
+
+std::string ToolBoard::nothingHeard() const {
+  std::string text = "the device has sent nothing";
+  if (others_.empty()) return text;
+  text += "; poses come under names that are not configured: ";
+  for (auto name = others_.begin(); name != others_.end(); ++name)
+    text += (name == others_.begin() ? "" : ", ") + *name;
+  return text + "; set `device` of the tool to the name that is sent";
+}
+
 void ToolBoard::reject(Tool& tool, const std::string& reason) {
   ++tool.report.rejected;
   tool.report.reason = reason;
@@ -194,7 +214,7 @@ std::vector<ToolReport> ToolBoard::report(std::int64_t now_ns) const {
     if (tool.invalid) {
       report.status = ToolStatus::kInvalid;
     } else if (!seen) {
-      report.reason = tool.waiting ? "the reference was not seen at the same time" : "the device has sent nothing";
+      report.reason = tool.waiting ? "the reference was not seen at the same time" : nothingHeard();
     } else if (stale) {
       report.status = ToolStatus::kStale;
       report.reason = "the last good pose is too old";

@@ -46,6 +46,21 @@ TEST(ToolBoard, TakesOffTheLatency) {
   EXPECT_EQ(tools.report(kNow)[0].status, ToolStatus::kOk);
 }
 
+TEST(ToolBoard, SaysUnderWhichNamesPosesComeWhereTheConfiguredOneIsNotHeard) {
+  ToolBoard tools = board({{"MicroscopeToReferen", "reference", "microscope", 0}});
+  EXPECT_EQ(tools.report(kNow)[0].reason, "the device has sent nothing");
+  tools.receive(1, transform("Scope", kNow, kPose), kNow);
+  tools.receive(1, transform("MicroscopeToReference", kNow, kPose), kNow);
+  EXPECT_EQ(
+      tools.report(kNow)[0].reason,
+      "the device has sent nothing; poses come under names that are not configured: MicroscopeToReference, Scope; "
+      "set `device` of the tool to the name that is sent");
+  for (int i = 0; i < 1000; ++i) tools.receive(1, transform("T" + std::to_string(i), kNow, kPose), kNow);
+  EXPECT_LT(tools.report(kNow)[0].reason.size(), 700u);
+  tools.receive(1, transform("MicroscopeToReferen", kNow, kPose), kNow);
+  EXPECT_EQ(tools.report(kNow)[0].status, ToolStatus::kOk);
+}
+
 TEST(ToolBoard, SaysWhatIsWrong) {
   ToolBoard tools = board({{"M", "reference", "microscope", 0}});
   EXPECT_EQ(tools.report(kNow)[0].status, ToolStatus::kNeverSeen);

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -59,7 +60,7 @@ class ToolBoard {
   /// @throws std::invalid_argument from ToolBoardSettings::validate.
   ToolBoard(const ToolBoardSettings& settings, const LinkSpace& space);
 
-  /// TRANSFORM, POSITION, TDATA and STATUS; other types and other devices are ignored.
+  /// TRANSFORM, POSITION, TDATA and STATUS; other types are ignored, names of other devices are kept for the report.
   /// @throws ProtocolError if the content breaks the protocol.
   std::vector<TrackedPose> receive(std::uint64_t peer, const Message& message, std::int64_t now_ns);
 
@@ -85,10 +86,13 @@ class ToolBoard {
   void reject(Tool& tool, const std::string& reason);
   void accept(Tool& tool, const TrackedPose& pose, std::vector<TrackedPose>* poses);
   void combine(std::vector<TrackedPose>* poses);
+  void hearOther(const std::string& device);
+  std::string nothingHeard() const;
 
   ToolBoardSettings settings_;
   LinkSpace space_;
   std::vector<Tool> tools_;
+  std::set<std::string> others_;  ///< names heard that no tool is configured under
 };
 
 }  // namespace cortshift_tracking::igt
