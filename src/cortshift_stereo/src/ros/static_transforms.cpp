@@ -60,4 +60,21 @@ std::vector<geometry_msgs::TransformStamped> readStaticTransforms(const std::str
   }
 }
 
+std::string staticTransformsToYaml(const std::vector<geometry_msgs::TransformStamped>& transforms) {
+  YAML::Emitter out;
+  out.SetDoublePrecision(17);
+  out << YAML::BeginSeq;
+  for (const geometry_msgs::TransformStamped& transform : transforms) {
+    const auto& t = transform.transform.translation;
+    const auto& q = transform.transform.rotation;
+    out << YAML::BeginMap << YAML::Key << "parent" << YAML::Value << transform.header.frame_id;
+    out << YAML::Key << "child" << YAML::Value << transform.child_frame_id;
+    out << YAML::Key << "translation" << YAML::Value << YAML::Flow << std::vector<double>{t.x, t.y, t.z};
+    out << YAML::Key << "rotation" << YAML::Value << YAML::Flow << std::vector<double>{q.x, q.y, q.z, q.w}
+        << YAML::EndMap;
+  }
+  out << YAML::EndSeq;
+  return out.c_str() + std::string("\n");
+}
+
 }  // namespace cortshift_stereo

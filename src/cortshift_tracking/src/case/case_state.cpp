@@ -37,6 +37,15 @@ void list(std::ostream& out, const Items& items, const Write& write) {
   out << ']';
 }
 
+void writeStamp(std::ostream& out, const ros::Time& stamp) { out << '[' << stamp.sec << ", " << stamp.nsec << ']'; }
+
+/// @param whose  for the refusal
+ros::Time stampOf(const YAML::Node& node, const std::string& whose) {
+  const auto stamp = node.as<std::vector<std::uint32_t>>();
+  if (stamp.size() != 2 || stamp[1] >= 1000000000U) throw TrackingError("the stamp of '" + whose + "' is none");
+  return {stamp[0], stamp[1]};
+}
+
 double finite(const YAML::Node& node) {
   const auto value = node.as<double>();
   if (!std::isfinite(value)) throw TrackingError("it holds a number that is not finite");
@@ -119,6 +128,19 @@ void CaseState::setGravity(const Eigen::Vector3d& direction_pmr, const std::stri
   const std::lock_guard<std::mutex> guard(mutex_);
   Content changed = content();
   changed.gravity = Gravity{direction_pmr, source};
+  write(changed);
+}
+
+std::optional<LiveMode> CaseState::live() const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return content().live;
+}
+
+void CaseState::setLive(const std::optional<LiveMode>& live) {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  Content changed = content();
+  if (!live && !changed.live) return;
+  changed.live = live;
   write(changed);
 }
 
@@ -205,6 +227,11 @@ std::string CaseState::toJson(const Content& content) {
   }
   appendJson(out, "excluded", content.excluded);
   appendJson(out, "outlines", content.outlines);
+  if (content.live) {
+    out << ",\n \"live\": {\"from\": " << quoted(content.live->key) << ", \"stamp\": ";
+    writeStamp(out, content.live->stamp);
+    out << ", \"run\": " << quoted(content.live->run) << '}';
+  }
   out << "}\n";
   return out.str();
 }
@@ -213,8 +240,9 @@ void CaseState::appendJson(std::ostream& out, const char* name, const OnStages& 
   out << ",\n " << quoted(name) << ": {";
   bool first = true;
   for (const auto& [key, on_stage] : drawn) {
-    out << (first ? "\n  " : ",\n  ") << quoted(key) << ": {\"stamp\": [" << on_stage.stamp.sec << ", "
-        << on_stage.stamp.nsec << "], \"regions\": ";
+    out << (first ? "\n  " : ",\n  ") << quoted(key) << ": {\"stamp\": ";
+    writeStamp(out, on_stage.stamp);
+    out << ", \"regions\": ";
     first = false;
     list(out, on_stage.regions, [&](const Region& region) {
       list(out, region, [&](const cv::Point2d& corner) { out << '[' << corner.x << ", " << corner.y << ']'; });
@@ -248,9 +276,7 @@ CaseState::Content CaseState::fromJson(const std::string& text) {
       const auto key = entry.first.as<std::string>();
       requireKey(key);
       OnStage& out = drawn[key];
-      const auto stamp = entry.second["stamp"].as<std::vector<std::uint32_t>>();
-      if (stamp.size() != 2 || stamp[1] >= 1000000000U) throw TrackingError("the stamp of '" + key + "' is none");
-      out.stamp = ros::Time(stamp[0], stamp[1]);
+      out.stamp = stampOf(entry.second["stamp"], key);
       for (const YAML::Node& polygon : entry.second["regions"]) {
         Region region;
         for (const YAML::Node& corner : polygon) {
@@ -267,6 +293,11 @@ CaseState::Content CaseState::fromJson(const std::string& text) {
   if (const YAML::Node outlines = root["outlines"]) {
     if (!outlines.IsMap()) throw TrackingError("outlines are no mapping");
     read(outlines, content.outlines);
+  }
+  if (const YAML::Node live = root["live"]) {
+    const auto key = live["from"].as<std::string>();
+    requireKey(key);
+    content.live = {key, stampOf(live["stamp"], key), live["run"].as<std::string>()};
   }
   return content;
 }

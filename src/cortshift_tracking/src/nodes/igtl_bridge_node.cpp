@@ -10,18 +10,27 @@
 //             capture_stage KEY [NOTE], compute_shift FROM TO; GET_STATUS
 // Parameters  config/igtl_bridge.yaml names every one with its unit.
 #include <ros/ros.h>
+#include <sysexits.h>
+
+#include <optional>
 
 #include "cortshift_tracking/ros/bridge/bridge.hpp"
 
 int main(int argc, char** argv) {
   ros::init(argc, argv, "igtl_bridge");
   ros::NodeHandle node;  // outside: without a handle nothing is logged any more
+  std::optional<cortshift_tracking::igt::Bridge> bridge;
   try {
-    cortshift_tracking::igt::Bridge bridge(node, cortshift_tracking::igt::readBridgeParameters(ros::NodeHandle("~")));
-    ros::spin();
+    bridge.emplace(node, cortshift_tracking::igt::readBridgeParameters(ros::NodeHandle("~")));
   } catch (const std::exception& error) {
     ROS_FATAL_STREAM("igtl_bridge cannot start: " << error.what());
     return 1;
+  }
+  try {
+    ros::spin();
+  } catch (const std::exception& error) {  // no fault of the configuration: script/supervise tells the two apart
+    ROS_FATAL_STREAM("igtl_bridge ends: " << error.what());
+    return EX_SOFTWARE;
   }
   return 0;
 }

@@ -24,7 +24,8 @@ void OfflineParameters::setThreads(int threads) {
 
 fs::path shippedConfiguration() {
   const std::string package = ros::package::getPath("cortshift_tracking");
-  const fs::path folder = fs::path(package).parent_path().parent_path() / "config";
+  fs::path folder = fs::path(package) / "config";  // of an install space
+  if (!fs::is_directory(folder)) folder = fs::path(package).parent_path().parent_path() / "config";
   if (package.empty() || !fs::is_directory(folder))
     throw TrackingError("the workspace's config folder is not found; source the workspace or say --config FOLDER");
   return folder;

@@ -54,6 +54,25 @@ TEST_F(CaseStateTest, IsThereAgainToTheLastBit) {
   EXPECT_EQ(state.trouble(), "");
 }
 
+TEST_F(CaseStateTest, LiveModeIsThereAgainUntilItIsSwitchedOff) {
+  const LiveMode live{"a", ros::Time(12, 345678901), "8f1e-run"};
+  {
+    CaseState state(folder, {});
+    state.setLive(std::nullopt);
+    EXPECT_FALSE(fs::exists(file()));
+    state.setGravity(kDown, "a test");
+    state.setLive(live);
+  }
+  CaseState state(folder, {});
+  ASSERT_TRUE(state.live());
+  EXPECT_EQ(state.live()->key, "a");
+  EXPECT_EQ(state.live()->stamp, live.stamp);
+  EXPECT_EQ(state.live()->run, live.run);
+  EXPECT_EQ(state.gravity()->direction_pmr, kDown);
+  state.setLive(std::nullopt);
+  EXPECT_FALSE(CaseState(folder, {}).live());
+}
+
 TEST_F(CaseStateTest, RegionsBelongToOneCapture) {
   CaseState state(folder, {});
   state.exclude(stage("a", 1), kRegions);

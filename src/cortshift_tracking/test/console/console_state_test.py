@@ -74,3 +74,21 @@ def test_coverage_and_warnings_are_of_now():
     assert graph.coverage() == 0.8 and 'surface_reconstruction: surface: too dark' in graph.warnings()
     now[0] = 2 * SILENCE
     assert graph.coverage() is None and 'surface_reconstruction: surface: too dark' not in graph.warnings()
+
+
+def test_what_is_started_again_is_shown_for_a_while():
+    wall = [1000.0]
+    graph = GraphState(wall_clock=lambda: wall[0])
+    graph.keep_restarts({'shift_tracker': {'count': 2, 'why': 'signal 9 (SIGKILL) ended it', 'time': 990.0}})
+    assert 'shift_tracker is started again (signal 9 (SIGKILL) ended it); in this launch for the 2nd time' in graph.warnings()
+    wall[0] = 1100.0
+    assert not any('started again' in text for text in graph.warnings())
+
+
+def test_a_graph_in_a_namespace_knows_its_own_nodes():
+    graph, other = GraphState(namespace='/or1/'), GraphState(namespace='/or2/')
+    message = DiagnosticArray(status=[DiagnosticStatus(name='or1/' + TRACKER_STATE, values=[KeyValue('live', 'on'), KeyValue('live_from', 'a')])])
+    for each in (graph, other):
+        each.keep(message)
+    assert graph.tracker().live_from == 'a' and other.tracker().live is None
+    assert 'nothing is heard of shift_tracker' in other.warnings() and 'nothing is heard of shift_tracker' not in graph.warnings()

@@ -79,21 +79,25 @@ class CaseRestart(unittest.TestCase):
         self.start(surround='off')
         self.assertEqual([s.key for s in self.tracker.list_stages().stages], ['a', 'b'])
         state = self.diagnostics.wait_for(STATE, gravity='0.0000 0.0000 -1.0000', gravity_from='kept with the case',
-                                          excluded_stages='a', live='off', live_from='')
-        self.assertEqual(state['message'], 'ok')
+                                          excluded_stages='a', live='on', live_from='a')
+        self.assertEqual(state['message'], 'live from a')
+        self.assertTrue(self.tracker.track('', False).success)
         after = self.compute('a', 'b')
         def numbers(summary):
             return (summary.valid_points, summary.gravity_mean, summary.magnitude_mean, summary.brain_points,
                     summary.brain_magnitude_mean, summary.brain_gravity_mean, summary.outline, summary.common_sd)
         self.assertEqual(numbers(after), numbers(before))
 
-        # What was drawn on a stage goes with it, over a restart too.
+        # What was drawn on a stage goes with it, over a restart too; and so does live mode.
+        self.assertTrue(self.tracker.track('a', True).success)
         self.assertTrue(self.tracker.delete_stage('a').success)
+        with open(os.path.join(self.folder, 'case_log.txt'), encoding='utf-8') as file:
+            self.assertRegex(file.read(), r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ deleted stage 'a', captured \S+Z, asked by /case_restart\S*\n$")
         self.node.end(signal.SIGKILL)
         self.start(gravity=[0.0, -1.0, 0.0])
         self.capture('a')
         self.capture('c', LIFT)
-        self.diagnostics.wait_for(STATE, gravity='0.0000 0.0000 -1.0000', excluded_stages='',
+        self.diagnostics.wait_for(STATE, gravity='0.0000 0.0000 -1.0000', excluded_stages='', live='off',
                                   gravity_from='the parameter gravity, 90.0 degrees from it, does not count')
         self.assertEqual(self.compute('a', 'c').valid_points, whole.valid_points)
         self.assertEqual(self.node.end(), 0)

@@ -30,12 +30,12 @@ def wait_until(condition, seconds, what):
 class ShiftTracker:
     """The services of shift_tracker as methods: tracker.capture_stage('key', note='')."""
 
-    def __init__(self, seconds=60):
+    def __init__(self, seconds=60, namespace=''):
         for name, kind in SERVICES.items():
-            rospy.wait_for_service(f'/shift_tracker/{name}', timeout=seconds)
-            setattr(self, name, rospy.ServiceProxy(f'/shift_tracker/{name}', kind))
+            rospy.wait_for_service(f'{namespace}/shift_tracker/{name}', timeout=seconds)
+            setattr(self, name, rospy.ServiceProxy(f'{namespace}/shift_tracker/{name}', kind))
         self._fields = {}
-        rospy.Subscriber('/shift/field', DisplacementField, self._keep)
+        rospy.Subscriber(f'{namespace}/shift/field', DisplacementField, self._keep)
 
     def _keep(self, field):
         self._fields[field.from_key, field.to_key] = field

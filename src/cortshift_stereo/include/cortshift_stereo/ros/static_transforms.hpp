@@ -19,4 +19,7 @@ class StaticTransformsError : public std::runtime_error {
 /// @throws StaticTransformsError naming the file, the entry and what is wrong with it
 std::vector<geometry_msgs::TransformStamped> readStaticTransforms(const std::string& path);
 
+/// The same, as text that readStaticTransforms reads to the last bit.
+std::string staticTransformsToYaml(const std::vector<geometry_msgs::TransformStamped>& transforms);
+
 }  // namespace cortshift_stereo

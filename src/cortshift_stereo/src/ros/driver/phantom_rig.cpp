@@ -120,6 +120,7 @@ bool PhantomRig::setStage(cortshift_msgs::SetPhantomStage::Request& request,
     const Stamp ready = source_->setStage(request.stage);
     const Stamp reported = ready + fromSeconds(parameters_.tracker_latency + kSettling);
     ros::Time::sleepUntil(toRosTime(reported));
+    ros::param::set("~stage", request.stage);  // where this node goes on, should it be started again
     response.success = true;
     response.message = "the phantom is at stage " + request.stage;
     ROS_INFO_STREAM(response.message);

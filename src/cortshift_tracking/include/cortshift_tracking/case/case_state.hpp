@@ -1,5 +1,5 @@
-// What belongs to a case beside its stages: gravity, the regions excluded by hand and the outlines of the brain drawn
-// by hand. On disk before it counts.
+// What belongs to a case beside its stages: gravity, the regions excluded by hand, the outlines of the brain drawn by
+// hand, live mode. On disk before it counts.
 #pragma once
 
 #include <cortshift_msgs/StageInfo.h>
@@ -28,6 +28,13 @@ using RegionsByKey = std::map<std::string, std::vector<Region>>;
 struct Gravity {
   Eigen::Vector3d direction_pmr;  ///< unit length, down
   std::string source;             ///< where it is from, for people
+};
+
+/// Live mode that is on: it goes on where the node is started again under the same master.
+struct LiveMode {
+  std::string key;  ///< of the stage that it starts from
+  ros::Time stamp;  ///< of that stage: another one of the same key is another one
+  std::string run;  ///< run_id of the master
 };
 
 /// Thread-safe. Kept in case_state.json of the case folder, which the StageStore of the case holds the lock of.
@@ -61,6 +68,12 @@ class CaseState {
   /// Returns when it is safe on disk. @param direction_pmr unit length @throws TrackingError; then nothing has changed
   void setGravity(const Eigen::Vector3d& direction_pmr, const std::string& source);
 
+  /// @throws UnreadableFile
+  std::optional<LiveMode> live() const;
+
+  /// Nothing: live mode is off. See setGravity.
+  void setLive(const std::optional<LiveMode>& live);
+
   /// Replaces the regions of a stage; see setGravity. @throws TrackingError also for what is no region
   void exclude(const cortshift_msgs::StageInfo& stage, const std::vector<Region>& regions);
 
@@ -82,6 +95,7 @@ class CaseState {
   struct Content {
     std::optional<Gravity> gravity;
     OnStages excluded, outlines;
+    std::optional<LiveMode> live;
   };
 
   Content& content() const;  // of the file, which is read first where it has not been

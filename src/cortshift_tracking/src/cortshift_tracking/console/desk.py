@@ -32,18 +32,18 @@ class Desk:
     """
 
     def __init__(self):
-        self._call = {name: rospy.ServiceProxy(f'/shift_tracker/{name}', kind) for name, kind in (
+        self._call = {name: rospy.ServiceProxy(f'shift_tracker/{name}', kind) for name, kind in (
             ('capture_stage', CaptureStage), ('list_stages', ListStages), ('compute_shift', ComputeShift),
             ('track', TrackShift))}
-        self._set_phantom = rospy.ServiceProxy('/stereo_driver/set_stage', SetPhantomStage)
+        self._set_phantom = rospy.ServiceProxy('stereo_driver/set_stage', SetPhantomStage)
         self._lock = threading.Lock()
         self._worker = Worker(rospy.logerr)
-        self._graph = GraphState()
+        self._graph = GraphState(namespace=rospy.get_namespace())
         self._compute_time = EXPECTED_COMPUTE
         self._stages = []
         self._phantom_left = None  # stages of the phantom's case still to come
         self._shift = ('', ())
-        rospy.Subscriber('/shift/field', DisplacementField, self._keep_shift, queue_size=1, buff_size=1 << 26)
+        rospy.Subscriber('shift/field', DisplacementField, self._keep_shift, queue_size=1, buff_size=1 << 26)
         rospy.Subscriber('/diagnostics', DiagnosticArray, self._graph.keep, queue_size=50)
         threading.Thread(target=self._watch, daemon=True).start()
 
@@ -117,6 +117,7 @@ class Desk:
     def _watch(self):
         while not rospy.is_shutdown():
             try:
+                self._graph.keep_restarts(rospy.get_param('restarts', {}))
                 stages = self._call['list_stages']().stages
                 with self._lock:
                     self._stages = stages
@@ -131,9 +132,9 @@ class Desk:
     def _find_phantom(self):
         try:
             self._set_phantom.wait_for_service(timeout=0.1)
-            with open(rospy.get_param('/stereo_driver/phantom_case'), encoding='utf-8') as file:
+            with open(rospy.get_param('stereo_driver/phantom_case'), encoding='utf-8') as file:
                 names = [stage['name'] for stage in yaml.safe_load(file)['stages']]
-            first = rospy.get_param('/stereo_driver/stage', '') or names[0]
+            first = rospy.get_param('stereo_driver/stage', '') or names[0]
         except (rospy.ROSException, KeyError, OSError, ValueError):
             return  # no phantom
         with self._lock:

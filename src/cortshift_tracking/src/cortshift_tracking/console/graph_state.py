@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from cortshift_tracking.tracker_state import NOT_KNOWN, TRACKER_STATE
 
 SILENCE = 4.0          # s without diagnostics after which a node counts as silent
+RESTART_SHOWN = 30.0   # s that a node's being started again is shown
 NODES = ('stereo_driver', 'surface_reconstruction', 'shift_tracker')
 
 
@@ -29,11 +30,20 @@ class TrackerState:
         return {None: 'unknown', False: 'not known', True: 'known'}[self.gravity_known]
 
 
+def ordinal(number):
+    """1st, 2nd, 3rd, 4th, 11th, ..."""
+    ending = 'th' if number % 100 in (11, 12, 13) else {1: 'st', 2: 'nd', 3: 'rd'}.get(number % 10, 'th')
+    return f'{number}{ending}'
+
+
 class GraphState:
     """The newest diagnostics by the name of their status. What is older than SILENCE counts no more."""
 
-    def __init__(self, clock=time.monotonic):
-        self._lock, self._clock = threading.Lock(), clock
+    def __init__(self, clock=time.monotonic, namespace='/', wall_clock=time.time):
+        """namespace: of the graph; under one master there may be others, whose nodes are not ours."""
+        self._space = namespace.strip('/') + '/' if namespace.strip('/') else ''
+        self._lock, self._clock, self._wall_clock = threading.Lock(), clock, wall_clock
+        self._restarts = {}
         self._known = {}  # status name: (DiagnosticStatus, time of arrival)
 
     def keep(self, message):
@@ -41,7 +51,13 @@ class GraphState:
         now = self._clock()
         with self._lock:
             for status in message.status:
-                self._known[status.name] = (status, now)
+                if status.name.startswith(self._space):
+                    self._known[status.name[len(self._space):]] = (status, now)
+
+    def keep_restarts(self, restarts):
+        """The parameter `restarts`, which script/supervise sets: {node: {'count', 'why', 'time'}}."""
+        with self._lock:
+            self._restarts = dict(restarts)
 
     def _fresh(self):
         """(all, those not older than SILENCE) as {name: (status, age [s])}."""
@@ -82,5 +98,10 @@ class GraphState:
                 found.append(f'nothing is heard of {node}')
             elif min(ages) > SILENCE:
                 found.append(f'nothing is heard of {node} for {min(ages):.0f} s')
+        with self._lock:
+            restarts = sorted(self._restarts.items())
+        for node, restart in restarts:
+            if self._wall_clock() - restart['time'] <= RESTART_SHOWN:
+                found.append(f'{node} is started again ({restart["why"]}); in this launch for the {ordinal(restart["count"])} time')
         found += [f'{name}: {status.message}' for name, (status, _) in sorted(fresh.items()) if status.level != DiagnosticStatus.OK]
         return found

@@ -1,5 +1,8 @@
 """The console as a page for a browser on this machine."""
+import base64
+import hmac
 import json
+import os
 import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -11,13 +14,42 @@ from cv_bridge import CvBridge
 from sensor_msgs.msg import Image
 
 from cortshift_tracking.console.worker import DeskError
+from cortshift_tracking.errors import CortshiftError
 
 PAGE = Path(__file__).with_name('page.html')
-PICTURES = {'overlay_before': '/shift/overlay_before', 'overlay_after': '/shift/overlay_after', 'magnitude': '/shift/magnitude'}
+PICTURES = {'overlay_before': 'shift/overlay_before', 'overlay_after': 'shift/overlay_after', 'magnitude': 'shift/magnitude'}
 PATHS = {f'/picture/{name}.png': name for name in PICTURES}
 MAX_REQUEST = 4096       # bytes
 WIDEST_PICTURE = 900     # pixels; more does not fit beside the others
+SHORTEST_TOKEN = 16      # characters
 HEADER = 'X-Cortshift'   # a form of another page cannot send it
+
+
+CLOSED = {
+    'Cache-Control': 'no-store',
+    'Content-Security-Policy': "default-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
+                               "frame-ancestors 'none'; form-action 'none'; base-uri 'none'",
+    'X-Frame-Options': 'DENY', 'Cross-Origin-Resource-Policy': 'same-origin', 'Cross-Origin-Opener-Policy': 'same-origin',
+    'X-Content-Type-Options': 'nosniff', 'Referrer-Policy': 'no-referrer'}
+
+
+class TokenError(CortshiftError):
+    """A file of a token that cannot be used; the message says why."""
+
+
+def token_of(path):
+    """The token in a file, for the page; '' where no file is named. TokenError where it is readable by others, short or missing."""
+    if not path:
+        return ''
+    try:
+        mode, token = os.stat(path).st_mode, Path(path).read_text(encoding='utf-8').strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise TokenError(f'the token cannot be read: {error}') from error
+    if mode & 0o077:
+        raise TokenError(f'{path} can be read by others: chmod 600 it')
+    if len(token) < SHORTEST_TOKEN:
+        raise TokenError(f'{path}: a token has at least {SHORTEST_TOKEN} characters; openssl rand -hex 16 makes one')
+    return token
 
 
 class Pictures:
@@ -121,8 +153,30 @@ class Handler(BaseHTTPRequestHandler):
         allowed = [f'{name}:{port}' for name in ('127.0.0.1', 'localhost')]
         origin = self.headers.get('Origin')
         if self.headers.get('Host') in allowed and (origin is None or origin in ['http://' + host for host in allowed]):
-            return True
+            return self._knows_token()
         self.send_error(HTTPStatus.FORBIDDEN, 'this page is for browsers on this machine alone')
+        return False
+
+    def end_headers(self):
+        """Of every answer, refusals too: no other page may frame, embed or keep what is shown here."""
+        for name, value in CLOSED.items():
+            self.send_header(name, value)
+        super().end_headers()
+
+    def _knows_token(self):
+        """Where the site wants a token, the browser asks for it (as password; any name) and sends it from then on."""
+        token = self.server.token
+        kind, _, given = (self.headers.get('Authorization') or '').partition(' ')
+        try:
+            password = base64.b64decode(given, validate=True).partition(b':')[2] if kind == 'Basic' else b''
+        except ValueError:
+            password = b''
+        if not token or hmac.compare_digest(password, token.encode()):
+            return True
+        self.send_response(HTTPStatus.UNAUTHORIZED, 'the token of this console is needed')
+        self.send_header('WWW-Authenticate', 'Basic realm="cortshift: token as password", charset="UTF-8"')
+        self.send_header('Content-Length', '0')
+        self.end_headers()
         return False
 
     def _answer_json(self, value, status=HTTPStatus.OK):
@@ -132,8 +186,6 @@ class Handler(BaseHTTPRequestHandler):
         self.send_response(status)
         self.send_header('Content-Type', kind)
         self.send_header('Content-Length', str(len(content)))
-        self.send_header('Cache-Control', 'no-store')
-        self.send_header('Content-Security-Policy', "default-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'")
         self.end_headers()
         self.wfile.write(content)
 
@@ -149,12 +201,12 @@ def text_of(body, key):
 
 
 class PageServer:
-    """Serves the page on loopback from threads of its own; `port` 0 takes a free one."""
+    """Serves the page on loopback from threads of its own; `port` 0 takes a free one. token: asked for where it is not empty."""
 
-    def __init__(self, desk, port):
+    def __init__(self, desk, port, token=''):
         self._server = ThreadingHTTPServer(('127.0.0.1', port), Handler)
         self._server.daemon_threads = True
-        self._server.desk, self._server.pictures = desk, Pictures()
+        self._server.desk, self._server.pictures, self._server.token = desk, Pictures(), token
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
     @property

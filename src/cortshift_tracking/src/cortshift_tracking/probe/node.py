@@ -181,15 +181,15 @@ class ProbeNode:
 
     def _stages(self):
         try:
-            rospy.wait_for_service('/shift_tracker/list_stages', timeout=2.0)
-            return [stage.key for stage in rospy.ServiceProxy('/shift_tracker/list_stages', ListStages)().stages]
+            rospy.wait_for_service('shift_tracker/list_stages', timeout=2.0)
+            return [stage.key for stage in rospy.ServiceProxy('shift_tracker/list_stages', ListStages)().stages]
         except (rospy.ROSException, rospy.ServiceException) as error:
             raise ProbeError(f'shift_tracker does not answer ({error}), so the stage cannot be checked; start it') from error
 
     def _note_tracker(self, message):
         """A shift_tracker that has started anew, or did not take gravity before, is told it."""
         for status in message.status:
-            if status.name != TRACKER_STATE:
+            if status.name != (rospy.get_namespace() + TRACKER_STATE)[1:]:
                 continue
             ignorant = any(v.key == 'gravity' and v.value == NOT_KNOWN for v in status.values)
             pair = self._store.gravity_pair()
@@ -202,7 +202,7 @@ class ProbeNode:
         self._untold, self._told_at = True, time.monotonic()
         told = f'down is ({down[0]:.4f}, {down[1]:.4f}, {down[2]:.4f}) in {ROOT_FRAME}'
         try:
-            answer = rospy.ServiceProxy('/shift_tracker/set_gravity', SetGravity)(Vector3(*down))
+            answer = rospy.ServiceProxy('shift_tracker/set_gravity', SetGravity)(Vector3(*down))
         except (rospy.ROSException, rospy.ServiceException) as error:
             return f'{told}; but shift_tracker does not know it: {error}'
         self._untold = not answer.success

@@ -44,7 +44,7 @@ class Recorder:
                                  'lz4, none')
         home = os.environ.get('ROS_HOME') or os.path.expanduser('~/.ros')
         self._values = values
-        self._folder = os.path.abspath(os.path.expanduser(values['folder'] or os.path.join(home, 'cortshift', 'recordings')))
+        self._folder = os.path.abspath(os.path.expanduser(values['folder'] or os.path.join(home, 'cortshift', 'recordings', rospy.get_namespace()[1:])))
         try:
             os.makedirs(self._folder, exist_ok=True)
         except OSError as error:

@@ -1,11 +1,19 @@
 #include "cortshift_tracking/ros/bridge/bridge.hpp"
 
+#include <tf2_eigen/tf2_eigen.h>
+
+#include "cortshift_stereo/ros/static_transforms.hpp"
+#include "cortshift_tracking/case/durable_file.hpp"
 #include "cortshift_tracking/case/same_registration.hpp"
 #include "cortshift_tracking/igtl/compose.hpp"
 #include "cortshift_tracking/ros/bridge/igtl_conversion.hpp"
+#include "cortshift_tracking/ros/run_folder.hpp"
 
 namespace cortshift_tracking::igt {
 namespace {
+
+/// Of the last patient registration: a peer may have sent it once only.
+std::filesystem::path registrationFile() { return runPath("registration"); }
 
 std::int64_t now() { return static_cast<std::int64_t>(ros::Time::now().toNSec()); }
 
@@ -22,6 +30,7 @@ Bridge::Bridge(ros::NodeHandle& node, const BridgeParameters& parameters)
   updater_.add("connections", this, &Bridge::diagnoseConnections);
   updater_.add("tools", this, &Bridge::diagnoseTools);
   timer_ = node.createTimer(ros::Duration(0.5), [this](const ros::TimerEvent&) { updater_.update(); });
+  restoreRegistration();
   endpoint_.start();
   worker_.start();
   if (parameters_.endpoint.listen)
@@ -81,7 +90,35 @@ void Bridge::publishPose(const TrackedPose& pose) {
                                                            << " deg");
   }
   registration_ = pose.T_parent_child;
-  static_transforms_.sendTransform(transformFromPose(pose));
+  const geometry_msgs::TransformStamped message = transformFromPose(pose);
+  keepRegistration(message);
+  static_transforms_.sendTransform(message);
+}
+
+void Bridge::keepRegistration(const geometry_msgs::TransformStamped& registration) const {
+  try {
+    const std::filesystem::path path = registrationFile();
+    std::filesystem::create_directories(path.parent_path());
+    const std::string text = cortshift_stereo::staticTransformsToYaml({registration});
+    replaceDurably(path, text.data(), text.size());
+  } catch (const std::exception& error) {  // it holds all the same, as long as this node lives
+    ROS_ERROR_STREAM("the patient registration is not kept should this node be started again: " << error.what());
+  }
+}
+
+/// What this node had published before it died. A peer that says otherwise is heard as ever.
+void Bridge::restoreRegistration() {
+  try {
+    const std::filesystem::path path = registrationFile();
+    if (!std::filesystem::exists(path)) return;
+    geometry_msgs::TransformStamped registration = cortshift_stereo::readStaticTransforms(path.string()).front();
+    registration.header.stamp = ros::Time::now();
+    registration_ = tf2::transformToEigen(registration);
+    static_transforms_.sendTransform(registration);
+    ROS_WARN("this node has been started again: the last patient registration holds until a peer sends another");
+  } catch (const std::exception& error) {
+    ROS_ERROR_STREAM("the last patient registration is not known: " << error.what());
+  }
 }
 
 void Bridge::diagnoseConnections(diagnostic_updater::DiagnosticStatusWrapper& status) {

@@ -21,11 +21,11 @@ GraphSender::GraphSender(ros::NodeHandle& node, const BridgeParameters& paramete
                          Endpoint& endpoint)
     : parameters_(parameters), space_(space), endpoint_(endpoint) {
   subscribers_ = {
-      node.subscribe("/shift/field", 4, &GraphSender::onField, this),
-      node.subscribe("/surface/points", 1, &GraphSender::onSurface, this),
-      subscribePicture(node, "/shift/overlay_before", "OverlayBeforePict"),
-      subscribePicture(node, "/shift/overlay_after", "OverlayAfterPict"),
-      subscribePicture(node, "/shift/magnitude", "MagnitudePict"),
+      node.subscribe("shift/field", 4, &GraphSender::onField, this),
+      node.subscribe("surface/points", 1, &GraphSender::onSurface, this),
+      subscribePicture(node, "shift/overlay_before", "OverlayBeforePict"),
+      subscribePicture(node, "shift/overlay_after", "OverlayAfterPict"),
+      subscribePicture(node, "shift/magnitude", "MagnitudePict"),
   };
 }
 

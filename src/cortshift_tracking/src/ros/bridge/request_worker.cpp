@@ -19,9 +19,9 @@ std::int64_t now() { return static_cast<std::int64_t>(ros::Time::now().toNSec())
 RequestWorker::RequestWorker(ros::NodeHandle& node, Endpoint& endpoint, double poll_period)
     : endpoint_(endpoint),
       poll_period_(poll_period),
-      capture_(node.serviceClient<cortshift_msgs::CaptureStage>("/shift_tracker/capture_stage")),
-      compute_(node.serviceClient<cortshift_msgs::ComputeShift>("/shift_tracker/compute_shift")),
-      list_(node.serviceClient<cortshift_msgs::ListStages>("/shift_tracker/list_stages")) {}
+      capture_(node.serviceClient<cortshift_msgs::CaptureStage>("shift_tracker/capture_stage")),
+      compute_(node.serviceClient<cortshift_msgs::ComputeShift>("shift_tracker/compute_shift")),
+      list_(node.serviceClient<cortshift_msgs::ListStages>("shift_tracker/list_stages")) {}
 
 RequestWorker::~RequestWorker() { stop(); }
 

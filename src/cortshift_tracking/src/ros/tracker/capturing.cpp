@@ -14,8 +14,8 @@
 namespace cortshift_tracking {
 namespace {
 
-const char* const kTrigger = "/stereo_driver/trigger";
-const char* const kAverage = "/surface_reconstruction/average_pairs";
+const char* const kTrigger = "stereo_driver/trigger";
+const char* const kAverage = "surface_reconstruction/average_pairs";
 const ros::WallDuration kPoseWait(0.5);  // for tracker samples that are still under way
 constexpr unsigned int kMostPairs = 64;  // of a mean, see CaptureMeanStage.srv
 constexpr double kGrace = 2.0;           // [s] for an answer that the reconstruction owes, on a busy machine
@@ -33,9 +33,9 @@ Capturing::Capturing(const ShiftTrackerParameters& parameters, OpenCase& open, P
       feed_(feed),
       activity_(activity),
       pairs_(data),
-      trigger_(services.serviceClient<cortshift_msgs::TriggerCapture>(kTrigger), "the driver",
+      trigger_(data.serviceClient<cortshift_msgs::TriggerCapture>(kTrigger), "the driver",
                "check the cameras, and the network where the driver runs on another machine"),
-      average_(services.serviceClient<cortshift_msgs::AveragePairs>(kAverage), "the reconstruction",
+      average_(data.serviceClient<cortshift_msgs::AveragePairs>(kAverage), "the reconstruction",
                "check that surface_reconstruction runs, or start it again"),
       capture_(services.advertiseService("capture_stage", &Capturing::onCapture, this)),
       capture_mean_(services.advertiseService("capture_mean_stage", &Capturing::onCaptureMean, this)) {}
@@ -121,7 +121,7 @@ std::optional<ros::Time> Capturing::fire(Deadline deadline) {
   const auto call = trigger_.call({}, deadline);
   if (call->outcome == Outcome::kNobody) return std::nullopt;
   if (call->outcome == Outcome::kFailed)
-    throw TrackingError(std::string("the call of ") + kTrigger + " failed; check the driver");
+    throw TrackingError("the call of " + ros::names::resolve(kTrigger) + " failed; check the driver");
   if (!call->response.success) throw TrackingError("the driver took no pair: " + call->response.message);
   return call->response.stamp;
 }
@@ -171,8 +171,9 @@ sensor_msgs::PointCloud2ConstPtr Capturing::awaitMean(unsigned int pairs, std::s
     enough = deadlineAfter(timeout_ / 4);
   }
   if (call->outcome == Outcome::kNobody)
-    throw TrackingError(std::string("nobody offers ") + kAverage + "; check that surface_reconstruction runs");
-  if (call->outcome == Outcome::kFailed) throw TrackingError(std::string("the call of ") + kAverage + " failed");
+    throw TrackingError("nobody offers " + ros::names::resolve(kAverage) + "; check that surface_reconstruction runs");
+  if (call->outcome == Outcome::kFailed)
+    throw TrackingError("the call of " + ros::names::resolve(kAverage) + " failed");
   if (!call->response.success) throw TrackingError(call->response.message);
   remarks = "; " + call->response.message;
   status = boost::make_shared<cortshift_msgs::SurfaceStatus>(call->response.status);

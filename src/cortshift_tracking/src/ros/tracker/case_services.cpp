@@ -1,7 +1,12 @@
 #include "cortshift_tracking/ros/tracker/case_services.hpp"
 
+#include <fcntl.h>
 #include <ros/console.h>
+#include <unistd.h>
 
+#include <cerrno>
+#include <cstring>
+#include <ctime>
 #include <functional>
 
 #include "cortshift_tracking/error.hpp"
@@ -31,6 +36,28 @@ std::vector<Region> regionsFrom(const std::vector<geometry_msgs::Polygon>& polyg
   return regions;
 }
 
+/// "2026-11-26T14:13:07Z", wall time.
+std::string utc(const ros::WallTime& time) {
+  const std::time_t seconds = time.sec;
+  std::tm fields{};
+  gmtime_r(&seconds, &fields);
+  char text[32];
+  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &fields);
+  return text;
+}
+
+/// Adds a line to the case's log; it is on the disk when this returns. @throws TrackingError
+void log(const std::filesystem::path& folder, const std::string& line) {
+  const std::filesystem::path path = folder / "case_log.txt";
+  const std::string text = utc(ros::WallTime::now()) + " " + line + "\n";
+  const int file = ::open(path.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC, 0644);
+  const bool written =
+      file >= 0 && ::write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && ::fsync(file) == 0;
+  const int reason = errno;
+  if (file >= 0) ::close(file);
+  if (!written) throw TrackingError("cannot write " + path.string() + ": " + std::strerror(reason));
+}
+
 }  // namespace
 
 CaseServices::CaseServices(OpenCase& open, ros::NodeHandle& services)
@@ -47,11 +74,21 @@ bool CaseServices::onList(cortshift_msgs::ListStages::Request&, cortshift_msgs::
   return true;
 }
 
-bool CaseServices::onDelete(cortshift_msgs::DeleteStage::Request& request,
-                            cortshift_msgs::DeleteStage::Response& response) {
-  return answer(response, "delete_stage", [&] {
+bool CaseServices::onDelete(DeleteEvent& event) {
+  const cortshift_msgs::DeleteStage::Request& request = event.getRequest();
+  return answer(event.getResponse(), "delete_stage", [&] {
+    std::string captured = "that cannot be read";
+    for (const cortshift_msgs::StageInfo& stage : case_.store.list())
+      if (stage.key == request.key && !stage.stamp.isZero())
+        captured = "captured " + utc(ros::WallTime(stage.stamp.sec, stage.stamp.nsec));
     case_.store.remove(request.key);
     std::string message = "stage '" + request.key + "' is deleted";
+    try {
+      log(case_.store.folder(),
+          "deleted stage '" + request.key + "', " + captured + ", asked by " + event.getCallerName());
+    } catch (const TrackingError& error) {  // the stage is gone all the same
+      message += "; but its log does not say so: " + std::string(error.what());
+    }
     try {
       case_.state.forget(request.key);
     } catch (

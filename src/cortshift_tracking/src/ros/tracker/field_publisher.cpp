@@ -14,17 +14,17 @@ namespace cortshift_tracking {
 FieldPublisher::FieldPublisher(const ShiftTrackerParameters& parameters, ros::NodeHandle& node)
     : arrow_spacing_(parameters.arrow_spacing), with_own_points_(parameters.shift.with_own_points) {
   const auto picture = [&](const char* topic) { return node.advertise<sensor_msgs::Image>(topic, 1, true); };
-  field_ = node.advertise<cortshift_msgs::DisplacementField>("/shift/field", 1, true);
-  points_ = node.advertise<sensor_msgs::PointCloud2>("/shift/points", 1, true);
-  markers_ = node.advertise<visualization_msgs::MarkerArray>("/shift/markers", 1, true);
-  outline_ = picture("/shift/outline");
-  overlay_before_ = picture("/shift/overlay_before");
-  overlay_after_ = picture("/shift/overlay_after");
-  magnitude_ = picture("/shift/magnitude");
-  gravity_ = picture("/shift/gravity");
-  normal_ = picture("/shift/normal");
-  lateral_ = picture("/shift/lateral");
-  if (with_own_points_) own_points_ = node.advertise<sensor_msgs::PointCloud2>("/shift/own_points", 1, true);
+  field_ = node.advertise<cortshift_msgs::DisplacementField>("shift/field", 1, true);
+  points_ = node.advertise<sensor_msgs::PointCloud2>("shift/points", 1, true);
+  markers_ = node.advertise<visualization_msgs::MarkerArray>("shift/markers", 1, true);
+  outline_ = picture("shift/outline");
+  overlay_before_ = picture("shift/overlay_before");
+  overlay_after_ = picture("shift/overlay_after");
+  magnitude_ = picture("shift/magnitude");
+  gravity_ = picture("shift/gravity");
+  normal_ = picture("shift/normal");
+  lateral_ = picture("shift/lateral");
+  if (with_own_points_) own_points_ = node.advertise<sensor_msgs::PointCloud2>("shift/own_points", 1, true);
 }
 
 void FieldPublisher::publish(const ShiftResult& result, const Directions& directions,

@@ -9,6 +9,7 @@
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
+#include "cortshift_tracking/ros/run_folder.hpp"
 #include "cortshift_tracking/ros/stage_shift.hpp"
 
 namespace cortshift_tracking {
@@ -43,6 +44,7 @@ LiveTracking::LiveTracking(const ShiftTrackerParameters& parameters, OpenCase& o
       activity_(activity),
       track_(services.advertiseService("track", &LiveTracking::onTrack, this)) {
   settings_.frame.resolution = parameters.track_resolution;
+  goOn();
 }
 
 LiveTracking::~LiveTracking() { stop(); }
@@ -54,18 +56,40 @@ bool LiveTracking::onTrack(cortshift_msgs::TrackShift::Request& request,
     std::optional<cortshift_msgs::StageInfo> from;
     if (request.on) from = case_.store.load(request.key).info;  // before anything is stopped
     stop();
-    if (from) {
-      say(true, from->key, "");
-      wanted_ = true;
-      thread_ = std::thread(&LiveTracking::run, this, *from);
-    }
+    if (from) begin(*from);
     response.success = true;
     response.message = request.on ? "tracking the shift from '" + request.key + "'" : "tracking is off";
+    try {
+      case_.state.setLive(from ? std::make_optional(LiveMode{from->key, from->stamp, masterRun()}) : std::nullopt);
+    } catch (const TrackingError& error) {
+      response.message += "; should this node be started again it would not know: " + std::string(error.what());
+    }
   } catch (const std::exception& error) {
     response.success = false;
     response.message = error.what();
   }
   return true;
+}
+
+void LiveTracking::begin(const cortshift_msgs::StageInfo& from) {
+  say(true, from.key, "");
+  wanted_ = true;
+  thread_ = std::thread(&LiveTracking::run, this, from);
+}
+
+/// What a node that died was doing. Another launch begins with live mode off: nobody there has asked for it.
+void LiveTracking::goOn() {
+  try {
+    const auto live = case_.state.live();
+    if (!live || live->run != masterRun()) return;
+    for (const cortshift_msgs::StageInfo& stage : case_.store.list()) {
+      if (stage.key != live->key || stage.stamp != live->stamp) continue;
+      ROS_WARN_STREAM("live mode goes on from '" << stage.key << "': this node has been started again");
+      return begin(stage);
+    }
+  } catch (const TrackingError& error) {
+    ROS_ERROR_STREAM("whether live mode was on is not known: " << error.what());
+  }
 }
 
 void LiveTracking::stop() {

@@ -2,24 +2,20 @@
 
 #include <ros/ros.h>
 
-#include <cstdlib>
-
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/ros/run_folder.hpp"
 
 namespace cortshift_tracking {
+
 namespace {
 
-std::string caseFolder(const ShiftTrackerParameters& parameters) {
+std::filesystem::path caseFolder(const ShiftTrackerParameters& parameters) {
   if (!parameters.case_folder.empty()) return parameters.case_folder;
-  // A restarted node finds its case again; another master starts another.
-  std::string run;
-  if (!ros::param::get("/run_id", run) || run.empty())
-    throw TrackingError("case_folder is empty and the master has no /run_id; set case_folder");
-  const char* ros_home = std::getenv("ROS_HOME");
-  const char* home = std::getenv("HOME");
-  if (ros_home == nullptr && home == nullptr)
-    throw TrackingError("case_folder is empty and HOME not set; set case_folder");
-  return (ros_home != nullptr ? std::string(ros_home) : std::string(home) + "/.ros") + "/cortshift/case-" + run;
+  try {
+    return runPath("case");  // a restarted node finds its case again; another master starts another
+  } catch (const TrackingError& error) {
+    throw TrackingError("case_folder is empty and " + std::string(error.what()) + "; set case_folder");
+  }
 }
 
 RegionsByKey configuredRegions(const ShiftTrackerParameters& parameters) {

@@ -23,13 +23,13 @@ PairHistory::PairHistory(ros::NodeHandle& node)
     subscribers_.push_back(node.subscribe<Message>(
         topic, 8, boost::function<void(const Pointer&)>([&history](const Pointer& message) { history.put(message); })));
   };
-  listen("/stereo/left/image_raw", left_);
-  listen("/stereo/right/image_raw", right_);
-  listen("/stereo/left/image_raw/compressed", left_compressed_);
-  listen("/stereo/right/image_raw/compressed", right_compressed_);
-  listen("/stereo/left/camera_info", left_info_);
-  listen("/stereo/right/camera_info", right_info_);
-  listen("/microscope/settings", settings_);
+  listen("stereo/left/image_raw", left_);
+  listen("stereo/right/image_raw", right_);
+  listen("stereo/left/image_raw/compressed", left_compressed_);
+  listen("stereo/right/image_raw/compressed", right_compressed_);
+  listen("stereo/left/camera_info", left_info_);
+  listen("stereo/right/camera_info", right_info_);
+  listen("microscope/settings", settings_);
 }
 
 void PairHistory::fill(StageRecord& record) const {

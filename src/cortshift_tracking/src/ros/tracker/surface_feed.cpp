@@ -17,8 +17,8 @@ const char* const kReconstructionStatus = "surface_reconstruction: surface";
 }  // namespace
 
 SurfaceFeed::SurfaceFeed(ros::NodeHandle& node)
-    : surfaces_(node.subscribe("/surface/points", 2, &SurfaceFeed::onSurface, this)),
-      status_(node.subscribe("/surface/status", 8, &SurfaceFeed::onStatus, this)),
+    : surfaces_(node.subscribe("surface/points", 2, &SurfaceFeed::onSurface, this)),
+      status_(node.subscribe("surface/status", 8, &SurfaceFeed::onStatus, this)),
       diagnostics_(node.subscribe("/diagnostics", 20, &SurfaceFeed::onDiagnostics, this)) {}
 
 void SurfaceFeed::onSurface(const sensor_msgs::PointCloud2ConstPtr& surface) {

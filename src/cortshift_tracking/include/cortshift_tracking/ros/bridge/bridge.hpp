@@ -32,6 +32,8 @@ class Bridge {
   EndpointHandlers handlers();
   void onMessage(PeerId peer, const Message& message);
   void publishPose(const TrackedPose& pose);
+  void keepRegistration(const geometry_msgs::TransformStamped& registration) const;
+  void restoreRegistration();
   void diagnoseConnections(diagnostic_updater::DiagnosticStatusWrapper& status);
   void diagnoseTools(diagnostic_updater::DiagnosticStatusWrapper& status);
 

@@ -19,7 +19,7 @@
 namespace cortshift_tracking {
 
 /// Newest surface first, each from the field before. It follows what is excluded from its stage, and ends by itself
-/// when that stage is deleted: another one of the same key is another one. Not kept over a restart.
+/// when that stage is deleted: another one of the same key is another one. It goes on where the node is started again.
 ///
 /// Parameters: track_resolution [m], those of ShiftSettings
 /// Services: ~track
@@ -39,6 +39,8 @@ class LiveTracking {
  private:
   bool onTrack(cortshift_msgs::TrackShift::Request& request, cortshift_msgs::TrackShift::Response& response);
   void stop();
+  void begin(const cortshift_msgs::StageInfo& from);
+  void goOn();
   void run(const cortshift_msgs::StageInfo& from);
   void say(bool on, const std::string& from, const std::string& trouble);
 

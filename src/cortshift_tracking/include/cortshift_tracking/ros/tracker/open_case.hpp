@@ -11,7 +11,7 @@
 
 namespace cortshift_tracking {
 
-/// Parameters: case_folder (empty: one for each ROS master under ~/.ros/cortshift), gravity, exclusions.
+/// Parameters: case_folder (empty: one for each ROS master and namespace under ~/.ros/cortshift), gravity, exclusions.
 struct OpenCase {
   /// @throws TrackingError if the case folder or the file of exclusions cannot be used
   explicit OpenCase(const ShiftTrackerParameters& parameters);

@@ -1,0 +1,55 @@
+#!/usr/bin/python3
+"""Two phantom graphs in two namespaces under one master: each has its own stages and fields, and nothing is heard outside."""
+import os
+import shutil
+import sys
+import unittest
+
+import rospy
+import rostest
+from cortshift_msgs.srv import SetPhantomStage
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
+from graph import Diagnostics, ShiftTracker, field_arrays  # noqa: E402
+
+GLOBAL = {'/diagnostics', '/rosout', '/rosout_agg', '/clock'}
+
+
+class TwoGraphs(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node('two_graphs')
+        cls.diagnostics = Diagnostics()
+
+    def test_each_has_its_own_case(self):
+        fields = {}
+        for space, stages in (('/or1', ('first', 'second')), ('/or2', ('second', 'first'))):
+            tracker = ShiftTracker(120, space)
+            set_stage = rospy.ServiceProxy(space + '/stereo_driver/set_stage', SetPhantomStage)
+            set_stage.wait_for_service(60)
+            for stage in stages:
+                for answer in (set_stage(stage), tracker.capture_stage(stage, space)):
+                    self.assertTrue(answer.success, answer.message)
+            answer = tracker.compute_shift(*stages)
+            self.assertTrue(answer.success, answer.message)
+            self.assertEqual([(s.key, s.note) for s in tracker.list_stages().stages], [(stage, space) for stage in stages])
+            fields[space] = tracker.field(*stages)
+        # The one sags and the other rises, by the same.
+        there, back = (fields[space].summary.normal_mean for space in ('/or1', '/or2'))
+        self.assertLess(there, -0.001)
+        self.assertGreater(back, 0.001)
+        self.assertTrue(field_arrays(fields['/or1'])[0].size)
+        self.diagnostics.wait_for('or1/shift_tracker: state', live='off')
+        self.diagnostics.wait_for('or2/shift_tracker: state', live='off')
+        outside = {name for name, _ in rospy.get_published_topics() if not name.startswith(('/or1/', '/or2/'))}
+        self.assertLessEqual(outside, GLOBAL)
+
+    @classmethod
+    def tearDownClass(cls):
+        home = os.environ.get('ROS_HOME') or os.path.expanduser('~/.ros')
+        for space in ('or1', 'or2'):   # the folders of cases that nobody named
+            shutil.rmtree(os.path.join(home, 'cortshift', f'case-{rospy.get_param("/run_id")}-{space}'), ignore_errors=True)
+
+
+if __name__ == '__main__':
+    rostest.rosrun('cortshift_tracking', 'two_graphs', TwoGraphs)
