@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 #include <vector>
 
+#include "images/high_pass.hpp"
 #include "images/noise.hpp"
 #include "images/photometric.hpp"
 #include "images/prepare.hpp"
@@ -14,6 +16,8 @@
 #include "start/exchange.hpp"
 #include "start/rough_flow.hpp"
 #include "trust/confidence.hpp"
+#include "trust/evidence.hpp"
+#include "trust/judgement.hpp"
 #include "trust/mismatch.hpp"
 #include "trust/occlusion.hpp"
 
@@ -25,10 +29,17 @@ constexpr int kStiffLinearisations = 2;  // of the first polish, whose start is 
 constexpr int kConjugateGradients = 60;  // per linearisation
 constexpr float kAgreement = 1;          // of forward and backward flow [px of the level]
 
+/// A polish, and what it compared.
+struct Fit {
+  ImagePair images;
+  cv::Vec4f channel_weights;
+  PolishedFlow polished;
+};
+
 /// One polish at a level, with the noise learned from what `visible` shows.
-PolishedFlow polishAt(const Level& level, int l, const cv::Mat1b& visible, const FlowPlanes& start, int linearisations,
-                      int stiff, const FlowSettings& settings, int threads) {
-  const ImagePair pair{level.first, splineCoefficients(level.second, threads), level.first_valid, level.second_valid};
+Fit polishAt(const Level& level, int l, const cv::Mat1b& visible, const FlowPlanes& start, int linearisations,
+             int stiff, const FlowSettings& settings, int threads) {
+  Fit fit{{level.first, splineCoefficients(level.second, threads), level.first_valid, level.second_valid}, {}, {}};
   PolishEffort effort;
   effort.linearisations = linearisations;
   effort.stiff_linearisations = stiff;
@@ -36,7 +47,9 @@ PolishedFlow polishAt(const Level& level, int l, const cv::Mat1b& visible, const
   // Each coarser level has pixels and node distances twice as large: the same bend of the tissue then has twice the
   // second difference.
   effort.curvature = static_cast<float>(settings.curvature * (1 << l));
-  return polish(pair, noiseWeights(pair, start, visible), visible, start, effort, threads);
+  fit.channel_weights = noiseWeights(fit.images, start, visible);
+  fit.polished = polish(fit.images, fit.channel_weights, visible, start, effort, threads);
+  return fit;
 }
 
 /// 1 where the flow of a pixel is confirmed by its colours or by the opposite flow.
@@ -74,9 +87,59 @@ float shareUnsure(const cv::Mat1f& error, const FlowPlanes& flow) {
   return all > 0 ? static_cast<float>(unsure) / static_cast<float>(all) : 0.f;
 }
 
+/// Another model's flow, near the given one: Eq. (5) at half the resolution, whose smoothness is of the first order.
+FlowPlanes secondOpinion(const Level& coarser, const FlowPlanes& flow, const FlowSettings& settings, int threads) {
+  const Level half = interpolableLevel(highPass(coarser));
+  FlowPlanes coarse{Plane(half.first.size()), Plane(half.first.size())};
+  for (const auto& [from, to] : {std::pair(&flow.u, &coarse.u), std::pair(&flow.v, &coarse.v)})
+    for (int y = 0; y < to->height(); ++y)
+      for (int x = 0; x < to->width(); ++x) to->row(y)[x] = 0.5f * from->row(2 * y)[2 * x];
+  refine(half, {1, 1, 1, 0}, roughEffort(settings), coarse, threads);
+  return doubled(coarse, flow.u.size(), threads);
+}
+
+/// Judges flows by the images of one fit: the predicted error per pixel [px of the level].
+struct Judge {
+  const Fit& fit;
+  int threads;
+  std::vector<Told>* told;
+
+  /// What differs from flow to flow: see Judged.
+  struct Candidate {
+    const FlowPlanes &flow, &backward, &other;
+    const cv::Mat1b& sound;
+    const cv::Mat1f& fit_error;
+  };
+
+  cv::Mat1f operator()(const Candidate& candidate, FitKind kind) const {
+    const cv::Mat evidence = gatherEvidence({fit.images, fit.channel_weights, candidate.flow, candidate.backward,
+                                             candidate.other, candidate.sound, candidate.fit_error},
+                                            threads);
+    if (told) told->push_back({kind, candidate.flow, evidence});
+    return judgedError(evidence, kind, candidate.fit_error, threads);
+  }
+};
+
+/// Takes the other flow, and its error, where it is judged better: by regions, because single pixels are noise.
+void adoptWherePreferred(const FlowPlanes& other, const cv::Mat1f& other_error, FlowPlanes& flow, cv::Mat1f& error) {
+  constexpr double kRegion = 6;  // standard deviation over which the two are compared [px]
+  constexpr double kFar = 4;     // larger errors count as this [px]
+  cv::Mat1f present, offered, gain;
+  cv::log(cv::min(error, kFar), present);
+  cv::log(cv::min(other_error, kFar), offered);
+  cv::GaussianBlur(present - offered, gain, {}, kRegion);
+  for (int y = 0; y < error.rows; ++y)
+    for (int x = 0; x < error.cols; ++x)
+      if (gain(y, x) > 0) {
+        flow.u.row(y)[x] = other.u.row(y)[x];
+        flow.v.row(y)[x] = other.v.row(y)[x];
+        error(y, x) = other_error(y, x);
+      }
+}
+
 }  // namespace
 
-Estimate estimateFlow(const Level& images, const FlowSettings& settings, int threads) {
+Estimate estimateFlow(const Level& images, const FlowSettings& settings, int threads, std::vector<Told>* told) {
   const std::vector<Level> levels = searchPyramid(images, threads);
   const int start = std::min(static_cast<int>(levels.size()) - 1, kPolishLevel);
   FlowBothWays flow = roughFlow(levels, start, settings, threads);
@@ -88,7 +151,7 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   // Second-order polish from coarse to fine; at each level but the finest first the boundaries and what is hidden.
   Level level;
   cv::Mat1b uncovered, occluded, visible;
-  PolishedFlow polished;
+  Fit fit;
   MismatchScale scale;
   const int finest_level = std::min(settings.finest_level, start);
   for (int l = start; l >= finest_level; --l) {
@@ -108,8 +171,9 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
       if (l == start) {
         exchangeFlow(backward, exchangeReaches(), kMatchWindow, scale.suspect, {}, flow.backward, threads);
         const cv::Mat1b seen = matched(backward, flow.backward, scale.unmatched, threads) & coveredBy(flow.forward);
-        flow.backward = evaluate(polishAt(backward, l, seen, flow.backward, 4, kStiffLinearisations, settings, threads),
-                                 flow.backward, threads);
+        flow.backward =
+            evaluate(polishAt(backward, l, seen, flow.backward, 4, kStiffLinearisations, settings, threads).polished,
+                     flow.backward, threads);
       } else {
         flow.backward = doubled(flow.backward, size, threads);
       }
@@ -120,26 +184,38 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
     }
     visible = shown(level, flow.forward, threads) & (occluded == 0);
     if (!finest) continueFlow(level.first, visible, Continue::kByColour, flow.forward, threads);
-    polished = polishAt(level, l, visible, flow.forward,
-                        finest ? settings.full_polish_iterations : settings.coarse_polish_iterations,
-                        l == start ? kStiffLinearisations : 0, settings, threads);
-    flow.forward = evaluate(polished, flow.forward, threads);
+    fit = polishAt(level, l, visible, flow.forward,
+                   finest ? settings.full_polish_iterations : settings.coarse_polish_iterations,
+                   l == start ? kStiffLinearisations : 0, settings, threads);
+    flow.forward = evaluate(fit.polished, flow.forward, threads);
     if (l > 0 && brightness.significant())
       brightness = BrightnessMap::fit(levels[static_cast<std::size_t>(l)], flow.forward, visible, threads);
   }
-  cv::Mat1b settled;
-  cv::resize(polished.regular, settled, cv::Size(), SplineGrid::kSpacing, SplineGrid::kSpacing, cv::INTER_NEAREST);
-  settled = settled(cv::Rect(cv::Point(), level.first.size())) | (uncovered != 0);
-  exchangeFlow(level, {6, 12}, 1, scale.suspect, settled, flow.forward, threads);
+  cv::Mat1b regular;
+  cv::resize(fit.polished.regular, regular, cv::Size(), SplineGrid::kSpacing, SplineGrid::kSpacing, cv::INTER_NEAREST);
+  regular = regular(cv::Rect(cv::Point(), level.first.size())).clone();
+  exchangeFlow(level, {6, 12}, 1, scale.suspect, regular | (uncovered != 0), flow.forward, threads);
 
   Estimate estimate;
-  cv::Mat1f error = predictError(level, flow.forward, visible, polished,
+  cv::Mat1f error = predictError(level, flow.forward, visible, fit.polished,
                                  static_cast<float>(settings.curvature * (1 << finest_level)), scale.suspect, threads);
-  // Only at full resolution: a preset that stops at a coarser level is chosen for its speed, and this fit is slow.
-  if (finest_level == 0 && shareUnsure(error, flow.forward) > static_cast<float>(settings.most_unsure)) {
-    PiecewiseFlow piecewise = piecewiseFlow(levels, start, finest_level, settings, threads);
-    flow.forward = std::move(piecewise.flow);
-    error = piecewise.error;
+  if (settings.judge) {
+    const Judge judge{fit, threads, told};
+    const cv::Mat1b sound = regular & visible;
+    const auto next = static_cast<std::size_t>(finest_level) + 1;
+    const FlowPlanes second =
+        secondOpinion(next < levels.size() ? levels[next] : halve(level, threads), flow.forward, settings, threads);
+    const cv::Mat1f smooth = judge({flow.forward, flow.backward, second, sound, error}, FitKind::kSmooth);
+    // Only at full resolution: a preset that stops at a coarser level is chosen for its speed, and this fit is slow.
+    if (finest_level == 0 && shareUnsure(smooth, flow.forward) > static_cast<float>(settings.most_unsure)) {
+      PiecewiseFlow other = piecewiseFlow(levels, start, finest_level, settings, threads);
+      const cv::Mat1f piecewise =
+          judge({other.flow.forward, other.flow.backward, flow.forward, other.agree, other.error}, FitKind::kPiecewise);
+      error = judge({flow.forward, other.flow.backward, other.flow.forward, sound, error}, FitKind::kSmoothOfTwo);
+      adoptWherePreferred(other.flow.forward, piecewise, flow.forward, error);
+    } else {
+      error = smooth;
+    }
   }
   estimate.confidence = confidenceFromError(error, finest_level, images.first.size(), threads);
   if (!images.first_valid.empty()) estimate.confidence.setTo(0, images.first_valid == 0);

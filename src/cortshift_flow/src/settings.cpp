@@ -30,6 +30,7 @@ const std::vector<Entry>& entries() {
       {"coarse_polish_iterations", &FlowSettings::coarse_polish_iterations, nullptr, 0, 100},
       {"full_polish_iterations", &FlowSettings::full_polish_iterations, nullptr, 1, 100},
       {"finest_level", &FlowSettings::finest_level, nullptr, 0, 2},
+      {"judge", &FlowSettings::judge, nullptr, 0, 1},
       {"most_unsure", nullptr, &FlowSettings::most_unsure, 0, 1},
       {"search_range", nullptr, &FlowSettings::search_range, 0.01, 0.5},
   };

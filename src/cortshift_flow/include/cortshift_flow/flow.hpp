@@ -35,8 +35,13 @@ struct FlowSettings {
   int full_polish_iterations = 2;    ///< and at full resolution
   int finest_level = 0;              ///< where the polish ends: 0 full resolution, 1 half, 2 a quarter
 
-  /// Share of unsure pixels beyond which one smooth surface is taken to be no model of the flow and a piecewise one is
-  /// fitted in its place, several times as slow; 1: never. Only at full resolution.
+  /// 1: the confidence follows from what the images say of the fitted flow. 0: from the error that the fit predicts of
+  /// itself, for callers that judge the match themselves and whose flow is one smooth surface.
+  int judge = 1;
+
+  /// Share of unsure pixels beyond which one smooth surface is taken to be no model of the flow: a piecewise one is
+  /// fitted as well, several times as slow, and of each region the better one is kept; 1: never. Only at full
+  /// resolution, and only where the flow is judged.
   double most_unsure = 0.33;
 
   double search_range = 0.3;  ///< largest motion along an axis, as a share of the shorter side (kPolished)

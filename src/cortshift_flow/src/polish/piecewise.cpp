@@ -95,9 +95,9 @@ PiecewiseFlow piecewiseFlow(const std::vector<Level>& levels, int start, int fin
     continueFlow(level.first, agree, Continue::kResting, flow.forward, threads);
     continueFlow(level.second, agree_back, Continue::kResting, flow.backward, threads);
   }
-  const cv::Mat1f error = gapError(flow, agree & consistent(flow.forward, flow.backward, kAgreement, threads),
-                                   levels[static_cast<std::size_t>(finest)].first_valid);
-  return {std::move(flow.forward), error};
+  agree &= consistent(flow.forward, flow.backward, kAgreement, threads);
+  const cv::Mat1f error = gapError(flow, agree, levels[static_cast<std::size_t>(finest)].first_valid);
+  return {std::move(flow), agree, error};
 }
 
 }  // namespace cortshift_flow

@@ -5,12 +5,14 @@
 #include <vector>
 
 #include "cortshift_flow/flow.hpp"
+#include "start/rough_flow.hpp"
 #include "variational/coarse_to_fine.hpp"
 
 namespace cortshift_flow {
 
 struct PiecewiseFlow {
-  FlowPlanes flow;
+  FlowBothWays flow;
+  cv::Mat1b agree;  ///< 1 where both ways agree
   cv::Mat1f error;  ///< predicted [px]
 };
 

@@ -37,6 +37,16 @@ const std::vector<int>& exchangeReaches() {
   return reaches;
 }
 
+LevelEffort roughEffort(const FlowSettings& settings) {
+  LevelEffort effort;
+  effort.energy.alpha = static_cast<float>(settings.alpha);
+  effort.energy.epsilon_data = effort.energy.epsilon_smooth = static_cast<float>(settings.epsilon);
+  effort.warps = settings.outer_iterations;
+  effort.fixed_points = settings.inner_iterations;
+  effort.sweeps = settings.solver_iterations;
+  return effort;
+}
+
 std::vector<Level> searchPyramid(const Level& images, int threads) {
   std::vector<Level> levels = {images};
   while (std::min(levels.back().first.rows, levels.back().first.cols) >= 2 * kSearchSide || levels.size() < 2)
@@ -47,12 +57,7 @@ std::vector<Level> searchPyramid(const Level& images, int threads) {
 FlowBothWays roughFlow(const std::vector<Level>& levels, int finest, const FlowSettings& settings, int threads) {
   SearchResult found = searchCoarseFlow(levels.back(), searchRadius(levels.back(), settings.search_range), threads);
   FlowBothWays flow{std::move(found.forward), std::move(found.backward)};
-  LevelEffort effort;
-  effort.energy.alpha = static_cast<float>(settings.alpha);
-  effort.energy.epsilon_data = effort.energy.epsilon_smooth = static_cast<float>(settings.epsilon);
-  effort.warps = settings.outer_iterations;
-  effort.fixed_points = settings.inner_iterations;
-  effort.sweeps = settings.solver_iterations;
+  const LevelEffort effort = roughEffort(settings);
   for (int l = static_cast<int>(levels.size()) - 1; l >= finest; --l) {
     const Level texture = highPass(levels[static_cast<std::size_t>(l)]);
     const Level forward = interpolableLevel(texture), backward = interpolableLevel(swapped(texture));

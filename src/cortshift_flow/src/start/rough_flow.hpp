@@ -15,6 +15,9 @@ struct FlowBothWays {
 /// Both images' levels down to the one at which whole-pixel matches are searched.
 std::vector<Level> searchPyramid(const Level& images, int threads);
 
+/// With which Eq. (5) is minimised at each level.
+LevelEffort roughEffort(const FlowSettings& settings);
+
 /// Search, then Eq. (5) from coarse to fine on high-passed images, which brightness changes leave alone.
 /// @param finest  level at which to stop
 FlowBothWays roughFlow(const std::vector<Level>& levels, int finest, const FlowSettings& settings, int threads);

@@ -1,0 +1,22 @@
+// The error that a flow has, from what the images say of it.
+#pragma once
+
+#include <opencv2/core.hpp>
+
+namespace cortshift_flow {
+
+/// Which fit of the flow is judged; each has weights of its own.
+enum class FitKind {
+  kSmooth,       ///< where it was fitted alone
+  kPiecewise,    ///< beside the smooth one
+  kSmoothOfTwo,  ///< beside the piecewise one
+};
+
+/// Predicted error at each pixel of a level [px of the level], infinite where `fit_error` is. Of the vectors with a
+/// predicted error e, the share that is off by more than 0.25 px is to be (e / 0.25)^2 / (1 + (e / 0.25)^2): a logistic
+/// model of the evidence (trust/evidence.hpp), fitted by script/fit_trust.
+/// @param evidence  of gatherEvidence()
+/// @param fit_error  per pixel [px]
+cv::Mat1f judgedError(const cv::Mat& evidence, FitKind kind, const cv::Mat1f& fit_error, int threads);
+
+}  // namespace cortshift_flow
