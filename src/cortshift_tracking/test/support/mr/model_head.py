@@ -9,6 +9,17 @@ TUMOUR_RADIUS = 0.012
 OUTWARD = np.array([0.45, 0.15, 0.85]) / np.linalg.norm([0.45, 0.15, 0.85])
 CRANIOTOMY = OUTWARD / np.linalg.norm(OUTWARD / RADII)
 
+OPENING = 0.032     # radius of the craniotomy
+
+
+def inside(name, points):
+    """Whether points (..., 3) are in the structure."""
+    if name == 'tumour':
+        return np.linalg.norm(points - TUMOUR, axis=-1) < TUMOUR_RADIUS
+    if name == 'ventricles':
+        return np.linalg.norm((np.abs(points * [1, 0, 0]) + points * [0, 1, 1] - [0.011, 0.0, 0.006]) / [0.006, 0.024, 0.008], axis=-1) < 1
+    return (np.abs(points[..., 0]) < 0.0022) & (points[..., 2] > 0.012)   # falx, above the ventricles
+
 
 def volumes(step=0.002, oblique=0.0, axes='RAS'):
     """MR, brain mask and tumour as Volumes on one grid, turned by `oblique` [rad] about (1, 2, 3) and left-handed."""
@@ -23,7 +34,7 @@ def volumes(step=0.002, oblique=0.0, axes='RAS'):
         T = np.diag([1, 1, 1, 1.0]) @ T
     radius = np.linalg.norm(points / RADII, axis=-1)
     brain = radius < 1
-    tumour = np.linalg.norm(points - TUMOUR, axis=-1) < TUMOUR_RADIUS
+    tumour = inside('tumour', points)
     stripes = 100 + 15 * np.sin(points[..., 0] / 0.006) * np.cos(points[..., 1] / 0.005) * np.cos(points[..., 2] / 0.007)
     mr = np.where(brain, stripes, 8.0)
     mr = np.where(radius > 1.1, 70.0 * (radius < 1.16), mr) + 60 * tumour
