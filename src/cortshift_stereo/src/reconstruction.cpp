@@ -63,33 +63,93 @@ double shareOfValid(const cv::Mat& disparity) {
   return static_cast<double>(cv::countNonZero(disparity == disparity)) / static_cast<double>(disparity.total());
 }
 
-Findings checkMatch(const ReconstructionQuality& quality, const PairLimits& limits) {
-  constexpr int kFewestCorners = 20;
-  const EpipolarResidual& epipolar = quality.epipolar;
-  constexpr double kPlainlyBetter = 0.5;
+Findings checkCoverage(double coverage, const PairLimits& limits) {
   Findings found;
-  if (epipolar.matched >= kFewestCorners && epipolar.spread_if_swapped < kPlainlyBetter * epipolar.spread)
-    found.refuse(CheckId::kSwapped, "Left and right",
-                 "are swapped: the rows of the two images agree to " + shortNumber(epipolar.spread_if_swapped) +
-                     " px when exchanged, but to " + shortNumber(epipolar.spread) + " px as they are",
-                 "exchange the cables or the topics");
-  if (epipolar.matched >= kFewestCorners && epipolar.spread > limits.max_epipolar_residual)
-    found.refuse(CheckId::kEpipolar, "The rows of the two images",
-                 "do not agree (median vertical gap " + shortNumber(epipolar.spread) + " px over " +
-                     std::to_string(epipolar.matched) + " corners, at most " +
-                     shortNumber(limits.max_epipolar_residual) + " px is allowed)",
-                 "the images are not of one pair, or the cameras moved since their calibration; calibrate again");
-  if (quality.coverage < limits.min_coverage)
+  if (coverage < limits.min_coverage)
     found.refuse(CheckId::kCoverage, "The match",
-                 "covers only " + shortNumber(100 * quality.coverage) + " % of the image, at least " +
+                 "covers only " + shortNumber(100 * coverage) + " % of the image, at least " +
                      shortNumber(100 * limits.min_coverage) + " % is needed",
                  "check focus, light, obstacles in the view, and the calibration");
-  if (epipolar.matched < kFewestCorners)
-    found.refuse(CheckId::kNoMatch, "The match",
-                 "rests on only " + std::to_string(epipolar.matched) + " corners found in both images, at least " +
-                     std::to_string(kFewestCorners) + " are needed to trust the pair",
-                 "check that both images show the same scene");
   return found;
+}
+
+/// What a pair shows by one rectification.
+struct Matching {
+  RectifiedPair pair;
+  cv::Mat disparity, deviation;
+  ReconstructionQuality quality;
+};
+
+Matching matchPair(const cv::Mat& left, const cv::Mat& right, const Rectifier& rectifier,
+                   const ReconstructionSettings& settings) {
+  const StereoModel& model = rectifier.model();
+  Matching out;
+  out.pair = rectifier.rectify(left, right);
+  const RectifiedPair& pair = out.pair;
+  const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
+  out.quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
+  if (out.quality.search_range.size() == 0)
+    throw PairError(CheckId::kNoMatch, "The pair",
+                    "does not match at any working distance between " + shortNumber(settings.min_working_distance) +
+                        " and " + shortNumber(settings.max_working_distance) + " m",
+                    "check that both images belong to one pair, that left and right are not swapped, and the "
+                    "calibration");
+  out.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, out.quality.search_range);
+  const cv::Mat match = out.disparity.clone();
+  keepWhereBoth(out.disparity, pair.left_usable, pair.right_usable);
+  if (pair.has_highlights) dropIslands(out.disparity);
+  const RefinedDisparity refined = refineDisparity(pair, out.disparity);
+  out.disparity = refined.disparity;
+  out.deviation = refined.deviation;
+  keepWhereCertain(out.disparity, match, refined.deviation, settings.max_deviation);
+  keepWhereBoth(out.disparity, pair.left_seen, pair.right_seen);
+  out.quality.coverage = std::min(1.0, shareOfValid(out.disparity) / std::max(1e-6, rectifier.leftShare()));
+  out.quality.epipolar = agreementOf(matchPoints(pair, out.disparity), rectifier);
+  return out;
+}
+
+/// Depth in the middle of what was found [m].
+double typicalDepth(const cv::Mat& disparity, const StereoModel& model) {
+  std::vector<float> known;
+  constexpr int kStep = 8;
+  for (int y = 0; y < disparity.rows; y += kStep)
+    for (int x = 0; x < disparity.cols; x += kStep)
+      if (const float d = disparity.at<float>(y, x); std::isfinite(d)) known.push_back(d);
+  if (known.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto middle = known.begin() + static_cast<std::ptrdiff_t>(known.size() / 2);
+  std::nth_element(known.begin(), middle, known.end());
+  return depthOfDisparity(model, *middle);
+}
+
+/// Matches a pair and takes out a small turn of its right camera, and once more what is left of it.
+/// @param taken  [rad] the turn that was taken out
+/// @throws PairError
+Matching matchAligned(const cv::Mat& left, const cv::Mat& right, const Rectifier& rectifier,
+                      const ReconstructionSettings& settings, cv::Vec3d& taken) {
+  constexpr int kTurns = 2;
+  taken = {0, 0, 0};
+  Matching found = matchPair(left, right, rectifier, settings);
+  for (int turns = 0;; ++turns) {
+    const RowVerdict rows = judgeRows(found.quality.epipolar, settings.limits);
+    rows.findings.requireAccepted();
+    if (!rows.turn || turns == kTurns) break;
+    taken += *rows.turn;
+    found = matchPair(left, right, rectifier.withRightTurned(taken), settings);
+  }
+  checkCoverage(found.quality.coverage, settings.limits).requireAccepted();
+  return found;
+}
+
+/// Whether a pair that is refused would be accepted with its images exchanged.
+bool fitsExchanged(const cv::Mat& left, const cv::Mat& right, const Rectifier& rectifier,
+                   const ReconstructionSettings& settings) {
+  try {
+    cv::Vec3d taken;
+    matchAligned(right, left, rectifier, settings, taken);
+    return true;
+  } catch (const PairError&) {
+    return false;
+  }
 }
 
 }  // namespace
@@ -124,39 +184,29 @@ ReconstructionResult reconstruct(const cv::Mat& left, const cv::Mat& right, cons
   checkImage(quality.left, limits, "left").requireAccepted();
   checkImage(quality.right, limits, "right").requireAccepted();
 
-  const RectifiedPair pair = rectifier.rectify(left, right);
-  const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
-  quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
-  if (quality.search_range.size() == 0)
-    throw PairError(CheckId::kNoMatch, "The pair",
-                    "does not match at any working distance between " + shortNumber(settings.min_working_distance) +
-                        " and " + shortNumber(settings.max_working_distance) + " m",
-                    "check that both images belong to one pair, that left and right are not swapped, and the "
-                    "calibration");
-  result.disparity = matchByStructure(pair.left_sharp, pair.right_sharp, quality.search_range);
-  const cv::Mat match = result.disparity.clone();
-  keepWhereBoth(result.disparity, pair.left_usable, pair.right_usable);
-  if (pair.has_highlights) dropIslands(result.disparity);
-  const RefinedDisparity refined = refineDisparity(pair, result.disparity);
-  result.disparity = refined.disparity;
-  keepWhereCertain(result.disparity, match, refined.deviation, settings.max_deviation);
-  keepWhereBoth(result.disparity, pair.left_seen, pair.right_seen);
+  checkAlikeSharp(quality.left, quality.right, limits).requireAccepted();
 
-  quality.coverage = std::min(1.0, shareOfValid(result.disparity) / std::max(1e-6, rectifier.leftShare()));
+  Matching found;
+  cv::Vec3d taken;
+  try {
+    found = matchAligned(left, right, rectifier, settings, taken);
+  } catch (const PairError& error) {
+    if (error.finding().check == CheckId::kSwapped || !fitsExchanged(left, right, rectifier, settings)) throw;
+    throw PairError(CheckId::kSwapped, "Left and right",
+                    "are swapped: the pair fits when they are exchanged, but not as it is (" + error.finding().thing +
+                        " " + error.finding().reason + ")",
+                    "exchange the cables or the topics");
+  }
+  quality.search_range = found.quality.search_range;
+  quality.coverage = found.quality.coverage;
+  quality.epipolar = found.quality.epipolar;
+  result.disparity = found.disparity;
+  result.warnings = warningsOfRows(quality.epipolar, taken, model, typicalDepth(result.disparity, model)).warnings();
   Surface& surface = result.surface_left;
-  surface.colour = pair.left_colour;
-  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& tasks) {
-    for (int task = tasks.start; task < tasks.end; ++task) {
-      if (task == 0) {
-        quality.epipolar = measureEpipolarResidual(pair, result.disparity, rectifier);
-        continue;
-      }
-      surface.points = triangulate(result.disparity, model);
-      surface.confidence = confidenceOf(refined.deviation);
-      surface.confidence.setTo(0, ~(result.disparity == result.disparity));
-    }
-  });
-  checkMatch(quality, limits).requireAccepted();
+  surface.colour = found.pair.left_colour;
+  surface.points = triangulate(result.disparity, model);
+  surface.confidence = confidenceOf(found.deviation);
+  surface.confidence.setTo(0, ~(result.disparity == result.disparity));
 
   result.seconds = static_cast<double>(cv::getTickCount() - start) / cv::getTickFrequency();
   return result;

@@ -69,7 +69,7 @@ def test_every_limit_of_the_node_is_an_option(tmp_path):
         node = yaml.safe_load(file)
     text = run("--help").stdout
     limits = [key for key in node if key.startswith(("min_", "max_")) and key != "max_pose_gap"] + ["relief"]
-    assert len(limits) == 9
+    assert len(limits) == 11
     for key in limits:
         assert f"--{key.replace('_', '-')} X " in text
         assert f"(default {node[key]:g}, allowed" in text.split(f"--{key.replace('_', '-')} X ")[1].split("\n")[0]

@@ -227,7 +227,7 @@ TEST(Reconstruction, pairsWithoutASurfaceAreRefusedByName) {
   bad.blur = 8;
   EXPECT_EQ(refusalOf(bad, bad.left(), bad.right()), "defocused");
   bad = {};
-  bad.right_rows_down = 2;
+  bad.right_rows_down = 6;
   EXPECT_EQ(refusalOf(bad, bad.left(), bad.right()), "epipolar");
 }
 

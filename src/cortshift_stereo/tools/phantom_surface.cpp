@@ -34,9 +34,8 @@ ColouredPoints exact(const PhantomScene& scene, int stage) {
   const ImageSettings& image = scene.description().image;
   ColouredPoints surface;
   truthOf(scene, stage, view).points_pmr.convertTo(surface.points_pmr, CV_32F);
-  surface.colour = Sensor(image.noise, image.noise_seed)
-                       .expose(Sensor::prepare(renderView(scene, stage, view, image.supersampling)),
-                               static_cast<std::uint64_t>(stage), Side::kLeft);
+  surface.colour = Sensor(image).expose(Sensor::prepare(renderView(scene, stage, view, image.supersampling)),
+                                        static_cast<std::uint64_t>(stage), Side::kLeft);
   surface.confidence = cv::Mat1f(surface.points_pmr.size(), 1.f);
   return surface;
 }

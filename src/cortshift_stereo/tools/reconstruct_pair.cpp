@@ -88,7 +88,8 @@ void run(const Options& options) {
   std::printf("reconstruct_seconds: %.4f\n", result.seconds);
   std::printf("coverage: %.4f\n", quality.coverage);
   std::printf("search_range: %d ... %d px\n", quality.search_range.start, quality.search_range.end);
-  std::printf("epipolar_residual: %.3f px over %d corners\n", quality.epipolar.spread, quality.epipolar.matched);
+  std::printf("epipolar_residual: %.3f px over %d points\n", quality.epipolar.spread, quality.epipolar.matched);
+  for (const std::string& warning : result.warnings) std::printf("warning: %s\n", warning.c_str());
 }
 
 }  // namespace

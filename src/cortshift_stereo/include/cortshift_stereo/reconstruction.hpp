@@ -2,6 +2,8 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <string>
+#include <vector>
 
 #include "cortshift_stereo/admission/pair_quality.hpp"
 #include "cortshift_stereo/geometry/surface.hpp"
@@ -26,7 +28,7 @@ struct ReconstructionSettings {
 struct ReconstructionQuality {
   SearchRange search_range;  ///< [px] disparities that were searched
   double coverage = 0;       ///< [0...1] share with a point of what the camera shows of the rectified left image
-  EpipolarResidual epipolar;
+  RowAgreement epipolar;     ///< after a turn of the right camera was taken out
   ImageQuality left;
   ImageQuality right;
 };
@@ -35,7 +37,8 @@ struct ReconstructionResult {
   cv::Mat disparity;     ///< CV_32FC1 of the rectified left image, x_left - x_right [px]; NaN where invalid
   Surface surface_left;  ///< in the raw left camera frame
   ReconstructionQuality quality;
-  double seconds = 0;  ///< wall time from the raw images in memory to the surface
+  std::vector<std::string> warnings;  ///< what a person should know before believing this; empty: nothing
+  double seconds = 0;                 ///< wall time from the raw images in memory to the surface
 };
 
 /// @param left, right  CV_8UC3 raw images

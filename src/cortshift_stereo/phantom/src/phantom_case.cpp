@@ -1,124 +1,15 @@
 #include "cortshift_stereo_phantom/phantom_case.hpp"
 
 #include <cmath>
+#include <filesystem>
 #include <fstream>
-#include <set>
 #include <sstream>
 
-#include "cortshift_flow/range.hpp"
-#include "cortshift_flow/text.hpp"
 #include "cortshift_stereo/geometry/lens.hpp"
-#include "strict_yaml.hpp"
+#include "script/strict_yaml.hpp"
 
 namespace cortshift_stereo_phantom {
 namespace {
-
-void check(const std::string& key, double value, double low, double high) {
-  cortshift_flow::requireRange<PhantomCaseError>(key, value, low, high);
-}
-
-void check(const std::string& key, const Eigen::VectorXd& values, double low, double high) {
-  for (Eigen::Index i = 0; i < values.size(); ++i) check(key + "[" + std::to_string(i) + "]", values[i], low, high);
-}
-
-void checkOutline(const std::string& key, const OutlineSettings& outline, double smallest, double largest) {
-  check(key + ".centre", outline.centre, -0.06, 0.06);
-  check(key + ".radii", outline.radii, smallest, largest);
-  check(key + ".irregularity", outline.irregularity, 0, 0.4);
-}
-
-void checkHead(const HeadSettings& head) {
-  check("head.dome_radius", head.dome_radius, 0.03, 1.0);
-  check("head.sulcus_depth", head.sulcus_depth, 0, 0.004);
-  check("head.vein_diameter", head.vein_diameter, 0.0004, 0.004);
-  checkOutline("head.craniotomy", head.craniotomy, 0.005, 0.06);
-  check("head.window_width", head.window_width, 0.001, 0.95 * head.craniotomy.radii.minCoeff());
-  check("head.bone_height", head.bone_height, 0, 0.01);
-  check("head.bevel_width", head.bevel_width, 0.0005, 0.02);
-}
-
-void checkDistortion(const std::string& key, cortshift_stereo::LensModel lens, const std::vector<double>& values) {
-  check(key, Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size())), -2, 2);
-  try {
-    cortshift_stereo::checkedCoefficients(lens, values, key);
-  } catch (const cortshift_stereo::CalibrationError& error) {
-    throw PhantomCaseError(error.what());
-  }
-}
-
-void checkCameras(const CameraSettings& cameras) {
-  check("cameras.size[0]", cameras.size.width, 64, 8192);
-  check("cameras.size[1]", cameras.size.height, 48, 8192);
-  check("cameras.working_distance", cameras.working_distance, 0.1, 1.0);
-  check("cameras.field_of_view", cameras.field_of_view, 0.01, 0.3);
-  check("cameras.baseline", cameras.baseline, 0.005, 0.2);
-  checkDistortion("cameras.left_distortion", cameras.lens, cameras.left_distortion);
-  checkDistortion("cameras.right_distortion", cameras.lens, cameras.right_distortion);
-  check("cameras.left_principal_offset", cameras.left_principal_offset, -200, 200);
-  check("cameras.right_principal_offset", cameras.right_principal_offset, -200, 200);
-  check("cameras.right_focal_ratio", cameras.right_focal_ratio, 0.9, 1.1);
-  check("cameras.right_misalignment", cameras.right_misalignment, -0.1, 0.1);
-  if (!cameras.zoom) return;
-  const ZoomSettings& zoom = *cameras.zoom;
-  check("cameras.zoom.magnification", zoom.magnification, 0.1, 50);
-  check("cameras.zoom.focal_length", zoom.focal_length, 0.05, 2);
-  check("cameras.zoom.focal_power", zoom.focal_power, 0, 2);
-  check("cameras.zoom.breathing", zoom.breathing, -0.2, 0.2);
-  check("cameras.zoom.drift_zoom", zoom.drift_zoom, -100, 100);
-  check("cameras.zoom.drift_focus", zoom.drift_focus, -100, 100);
-  check("cameras.zoom.distortion", zoom.distortion, -2, 2);
-  check("cameras.zoom.pupil_travel", zoom.pupil_travel, -0.05, 0.05);
-}
-
-void checkLightAndImage(const LightSettings& light, const ImageSettings& image) {
-  check("light.position_head", light.position_head, -1, 1);
-  check("light.ambient", light.ambient, 0, 2);
-  check("light.diffuse", light.diffuse, 0, 2);
-  check("light.specular", light.specular, 0, 5);
-  check("light.shininess", light.shininess, 1, 5000);
-  check("image.supersampling", image.supersampling, 1, 8);
-  check("image.noise", image.noise, 0, 0.2);
-  check("image.vignette", image.vignette, 0, 0.95);
-  check("image.right_gain", image.right_gain, 0.1, 5);
-}
-
-void checkStage(const std::string& key, const StageSettings& stage) {
-  const DeformationSettings& d = stage.deformation;
-  check(key + ".deformation.sag", d.sag, -0.03, 0.03);
-  check(key + ".deformation.lateral", d.lateral, -0.02, 0.02);
-  check(key + ".deformation.bulge", d.bulge, -0.03, 0.03);
-  check(key + ".deformation.bulge_centre", d.bulge_centre, -0.06, 0.06);
-  check(key + ".deformation.bulge_width", d.bulge_width, 0.002, 0.1);
-  check(key + ".deformation.variation", d.variation, 0, 0.005);
-  check(key + ".microscope.target", stage.microscope.target, -0.05, 0.05);
-  check(key + ".microscope.distance", stage.microscope.distance, 0.1, 1.0);
-  check(key + ".microscope.tilt", stage.microscope.tilt, -0.7, 0.7);
-  check(key + ".microscope.roll", stage.microscope.roll, -3.2, 3.2);
-  check(key + ".gain", stage.gain, 0, 20);
-  check(key + ".magnification", stage.magnification, 0.1, 50);
-  check(key + ".focal_length", stage.focal_length, 0.05, 2);
-  for (const BloodSettings& blood : stage.blood) {
-    checkOutline(key + ".blood", blood.outline, 0.001, 0.06);
-    check(key + ".blood.border", blood.border, 0.0001, 0.01);
-  }
-  if (stage.hole) {
-    checkOutline(key + ".hole", stage.hole->outline, 0.002, 0.04);
-    check(key + ".hole.depth", stage.hole->depth, 0, 0.03);
-    check(key + ".hole.wall", stage.hole->wall, 0.001, stage.hole->outline.radii.minCoeff());
-  }
-  if (stage.retractor) {
-    check(key + ".retractor.tip", stage.retractor->tip, -0.06, 0.06);
-    check(key + ".retractor.heading", stage.retractor->heading, -6.3, 6.3);
-    check(key + ".retractor.slope", stage.retractor->slope, -0.2, 1.0);
-    check(key + ".retractor.width", stage.retractor->width, 0.001, 0.04);
-    check(key + ".retractor.length", stage.retractor->length, 0.005, 0.3);
-  }
-  for (const ProbeTargetSettings& target : stage.probe) {
-    if (target.label.empty()) throw PhantomCaseError(key + ".probe: a target has no label");
-    check(key + ".probe.at", target.at, -0.06, 0.06);
-    check(key + ".probe.lift", target.lift, 0, 0.5);
-  }
-}
 
 /// translation [m] and rpy [rad] (fixed axes: roll about x, then pitch about y, then yaw about z).
 void readPose(StrictMap& map, Eigen::Isometry3d& pose) {
@@ -145,6 +36,15 @@ void readHead(StrictMap& map, HeadSettings& head) {
   map.get("window_width", head.window_width);
   map.get("bone_height", head.bone_height);
   map.get("bevel_width", head.bevel_width);
+  map.section("picture", [&](StrictMap& m) {
+    PictureSettings& picture = head.picture.emplace();
+    m.require("file", picture.file);
+    m.get("width", picture.width);
+    m.get("centre", picture.centre);
+    m.get("turn", picture.turn);
+    m.get("gain", picture.gain);
+    m.get("contrast", picture.contrast);
+  });
 }
 
 void readCameras(StrictMap& map, CameraSettings& cameras) {
@@ -186,6 +86,21 @@ void readLight(StrictMap& map, LightSettings& light) {
   map.get("diffuse", light.diffuse);
   map.get("specular", light.specular);
   map.get("shininess", light.shininess);
+  map.section("film", [&](StrictMap& m) {
+    FilmSettings& film = light.film.emplace();
+    m.get("strength", film.strength);
+    m.get("slope", film.slope);
+    m.get("wavelength", film.wavelength);
+    m.get("lamp_angle", film.lamp_angle);
+    m.get("seed", film.seed);
+  });
+}
+
+void readResponse(StrictMap& map, ResponseSettings& response) {
+  map.get("white_balance", response.white_balance);
+  map.get("gain", response.gain);
+  map.get("black_level", response.black_level);
+  map.get("blur", response.blur);
 }
 
 void readImage(StrictMap& map, ImageSettings& image) {
@@ -194,6 +109,21 @@ void readImage(StrictMap& map, ImageSettings& image) {
   map.get("vignette", image.vignette);
   map.get("right_gain", image.right_gain);
   map.get("noise_seed", image.noise_seed);
+  map.get("shot_noise", image.shot_noise);
+  map.get("depth_of_field", image.depth_of_field);
+  map.get("focus_offset", image.focus_offset);
+  map.get("bayer", image.bayer);
+  map.get("jpeg", image.jpeg);
+  map.section("left", [&](StrictMap& m) { readResponse(m, image.left); });
+  map.section("right", [&](StrictMap& m) { readResponse(m, image.right); });
+}
+
+void readMotion(StrictMap& map, MotionSettings& motion) {
+  map.get("pulsation", motion.pulsation);
+  map.get("pulsation_rate", motion.pulsation_rate);
+  map.get("breathing", motion.breathing);
+  map.get("breathing_rate", motion.breathing_rate);
+  map.get("pair_interval", motion.pair_interval);
 }
 
 StageSettings readStage(StrictMap& map) {
@@ -207,6 +137,7 @@ StageSettings readStage(StrictMap& map) {
     m.get("bulge_centre", d.bulge_centre);
     m.get("bulge_width", d.bulge_width);
     m.get("variation", d.variation);
+    m.get("outward", d.outward);
   });
   map.section("microscope", [&](StrictMap& m) {
     m.get("target", stage.microscope.target);
@@ -237,6 +168,15 @@ StageSettings readStage(StrictMap& map) {
     m.get("width", stage.retractor->width);
     m.get("length", stage.retractor->length);
   });
+  map.list("rods", [&](StrictMap& m) {
+    RodSettings rod;
+    m.get("tip", rod.tip);
+    m.get("heading", rod.heading);
+    m.get("slope", rod.slope);
+    m.get("diameter", rod.diameter);
+    m.get("length", rod.length);
+    stage.rods.push_back(rod);
+  });
   map.list("probe", [&](StrictMap& m) {
     ProbeTargetSettings target;
     m.require("label", target.label);
@@ -249,39 +189,25 @@ StageSettings readStage(StrictMap& map) {
 
 }  // namespace
 
-void PhantomCase::validate() const {
-  const double length = gravity_pmr.norm();
-  if (!(std::abs(length - 1) < 1e-9))
-    throw PhantomCaseError("gravity_in_pmr has length " + cortshift_flow::shortNumber(length) +
-                           "; it must be a direction");
-  checkHead(head);
-  checkCameras(cameras);
-  checkLightAndImage(light, image);
-  if (stages.empty()) throw PhantomCaseError("stages: at least one stage is needed");
-  std::set<std::string> names;
-  for (std::size_t i = 0; i < stages.size(); ++i) {
-    const std::string key = "stages[" + std::to_string(i) + "]";
-    if (stages[i].name.empty()) throw PhantomCaseError(key + ".name is empty");
-    if (!names.insert(stages[i].name).second)
-      throw PhantomCaseError(key + ".name = " + stages[i].name + " is taken by an earlier stage");
-    checkStage(key, stages[i]);
-    if (!cameras.zoom) continue;
-    check(key + ".magnification", stages[i].magnification, 0.3 * cameras.zoom->magnification,
-          3 * cameras.zoom->magnification);
-    check(key + ".focal_length", stages[i].focal_length, 0.5 * cameras.zoom->focal_length,
-          2 * cameras.zoom->focal_length);
-  }
+double MotionSettings::outwardAt(std::uint64_t frame) const {
+  constexpr double kTurn = 6.283185307179586, kState = 20e-6;  // [m]
+  const double time = pair_interval * static_cast<double>(frame);
+  const double outward =
+      pulsation * std::sin(kTurn * pulsation_rate * time) + breathing * std::sin(kTurn * breathing_rate * time);
+  return kState * std::round(outward / kState);
 }
 
-PhantomCase parsePhantomCase(const std::string& yaml, const std::string& origin) {
+PhantomCase PhantomCase::atPair(std::uint64_t frame) const {
+  PhantomCase now = *this;
+  for (StageSettings& stage : now.stages) stage.deformation.outward += motion.outwardAt(frame);
+  return now;
+}
+
+namespace {
+
+PhantomCase parseCase(const YAML::Node& root, const std::string& origin) {
   PhantomCase result;
   try {
-    YAML::Node root;
-    try {
-      root = YAML::Load(yaml);
-    } catch (const YAML::Exception& error) {
-      throw PhantomCaseError(std::string("not YAML: ") + error.what());
-    }
     StrictMap map(root, "");
     map.require("name", result.name);
     map.section("brain_in_pmr", [&](StrictMap& m) { readPose(m, result.T_pmr_brain); });
@@ -293,6 +219,7 @@ PhantomCase parsePhantomCase(const std::string& yaml, const std::string& origin)
     map.section("cameras", [&](StrictMap& m) { readCameras(m, result.cameras); });
     map.section("light", [&](StrictMap& m) { readLight(m, result.light); });
     map.section("image", [&](StrictMap& m) { readImage(m, result.image); });
+    map.section("motion", [&](StrictMap& m) { readMotion(m, result.motion); });
     map.list("stages", [&](StrictMap& m) { result.stages.push_back(readStage(m)); });
     map.finish();
     result.validate();
@@ -302,12 +229,53 @@ PhantomCase parsePhantomCase(const std::string& yaml, const std::string& origin)
   return result;
 }
 
-PhantomCase loadPhantomCase(const std::string& path) {
+YAML::Node parseYaml(const std::string& yaml, const std::string& origin) {
+  try {
+    return YAML::Load(yaml);
+  } catch (const YAML::Exception& error) {
+    throw PhantomCaseError("phantom case " + origin + ": not YAML: " + error.what());
+  }
+}
+
+/// Mappings key by key; everything else as `changes` has it.
+YAML::Node merged(const YAML::Node& base, const YAML::Node& changes) {
+  if (!base.IsMap() || !changes.IsMap()) return YAML::Clone(changes);
+  YAML::Node out = YAML::Clone(base);
+  for (const auto& entry : changes) {
+    const auto key = entry.first.as<std::string>();
+    out[key] = base[key] ? merged(base[key], entry.second) : YAML::Clone(entry.second);
+  }
+  return out;
+}
+
+/// The file over the one that its key `based_on` names.
+YAML::Node loadYaml(const std::filesystem::path& path, int depth) {
+  constexpr int kDeepest = 8;
+  if (depth > kDeepest) throw PhantomCaseError("phantom case " + path.string() + ": based_on goes round in a circle");
   std::ifstream file(path);
-  if (!file) throw PhantomCaseError("phantom case " + path + " cannot be read; set the path of a case file");
+  if (!file) throw PhantomCaseError("phantom case " + path.string() + " cannot be read; set the path of a case file");
   std::ostringstream content;
   content << file.rdbuf();
-  return parsePhantomCase(content.str(), path);
+  YAML::Node root = parseYaml(content.str(), path.string());
+  if (root.IsMap() && root["head"] && root["head"].IsMap() && root["head"]["picture"] &&
+      root["head"]["picture"].IsMap() && root["head"]["picture"]["file"]) {
+    YAML::Node picture = root["head"]["picture"]["file"];
+    picture = (path.parent_path() / picture.as<std::string>()).string();
+  }
+  if (!root.IsMap() || !root["based_on"]) return root;
+  if (!root["based_on"].IsScalar())
+    throw PhantomCaseError("phantom case " + path.string() + ": based_on must name a file");
+  const auto base = path.parent_path() / root["based_on"].as<std::string>();
+  root.remove("based_on");
+  return merged(loadYaml(base, depth + 1), root);
 }
+
+}  // namespace
+
+PhantomCase parsePhantomCase(const std::string& yaml, const std::string& origin) {
+  return parseCase(parseYaml(yaml, origin), origin);
+}
+
+PhantomCase loadPhantomCase(const std::string& path) { return parseCase(loadYaml(path, 0), path); }
 
 }  // namespace cortshift_stereo_phantom

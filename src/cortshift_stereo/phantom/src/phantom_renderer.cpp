@@ -3,7 +3,8 @@
 #include <cmath>
 #include <limits>
 
-#include "random.hpp"
+#include "imaging/lens.hpp"
+#include "imaging/rippled_film.hpp"
 #include "sheet_solver.hpp"
 #include "surface_paint.hpp"
 
@@ -15,18 +16,27 @@ constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 /// Light that a surface sends to the camera.
 class Shader {
  public:
-  /// @param level_camera normal of a liquid that lies on the brain
-  Shader(const LightSettings& light, const Eigen::Vector3d& lamp_camera, const Eigen::Vector3d& level_camera)
-      : light_(light), lamp_(lamp_camera), level_(level_camera) {}
+  Shader(const PhantomScene& scene, int stage, const View& view, const SheetSolver& solver)
+      : light_(scene.description().light),
+        film_(scene.film()),
+        lamp_(view.T_pmr_camera.inverse() * view.lamp_pmr),
+        R_camera_brain_(solver.T_brain_camera().linear().transpose()),
+        level_(R_camera_brain_ * Eigen::Vector3d::UnitZ()),
+        casts_shadows_(stage != PhantomScene::kUndeformed &&
+                       !scene.description().stages[static_cast<std::size_t>(stage)].rods.empty()),
+        stage_(stage),
+        scene_(scene),
+        T_brain_camera_(solver.T_brain_camera()) {}
 
   /// @param point, normal in the camera frame; @param x, y carry the fine unevenness of the wet film [m]
   cv::Vec3f shade(const Paint& paint, const Eigen::Vector3d& point, const Eigen::Vector3d& surface_normal, double x,
                   double y) const {
+    const double lit = casts_shadows_ ? scene_.lightPast(stage_, T_brain_camera_ * point, T_brain_camera_ * lamp_) : 1;
     const double film = paint.film;
     const Eigen::Vector3d normal = ((1 - film) * surface_normal + film * level_).normalized();
     const Eigen::Vector3d to_lamp = (lamp_ - point).normalized();
     const double lambert = std::max(0.0, normal.dot(to_lamp));
-    cv::Vec3f out = paint.colour * static_cast<float>(light_.ambient + light_.diffuse * lambert);
+    cv::Vec3f out = paint.colour * static_cast<float>(light_.ambient + light_.diffuse * lambert * lit);
     if (light_.specular > 0 && paint.gloss > 0) {
       // Blinn-Phong on a normal that ripples with the fluid film: a few waves of 1.5 to 5 mm, none in step.
       const double strength = 0.04 * (1 - 0.85 * film);  // a deep pool lies calm
@@ -36,32 +46,38 @@ class Shader {
       const double cosine = std::max(0.0, (normal + strength * ripple).normalized().dot(half));
       out += cv::Vec3f::all(static_cast<float>(light_.specular * paint.gloss * std::pow(cosine, light_.shininess)));
     }
+    if (film_ != nullptr && paint.gloss > 0) {
+      const Eigen::Vector2d slope = film_->slope(x, y) * (1 - 0.85 * film);
+      const Eigen::Vector3d rippled =
+          (normal - R_camera_brain_ * Eigen::Vector3d(slope.x(), slope.y(), 0)).normalized();
+      out += cv::Vec3f::all(
+          static_cast<float>(paint.gloss * lit * film_->mirrored(rippled, to_lamp, -point.normalized())));
+    }
     return out;
   }
 
  private:
   LightSettings light_;
-  Eigen::Vector3d lamp_, level_;
+  const RippledFilm* film_;
+  Eigen::Vector3d lamp_;
+  Eigen::Matrix3d R_camera_brain_;
+  Eigen::Vector3d level_;  // normal of a liquid that lies on the brain
+  bool casts_shadows_;
+  int stage_;
+  const PhantomScene& scene_;
+  Eigen::Isometry3d T_brain_camera_;
 };
 
 Eigen::Vector3d normalOf(const SurfaceSample& s) { return s.along_x.cross(s.along_y).normalized(); }
 
-/// Blade in front of whatever the ray meets at `depth`; distance is the camera depth as directions have z = 1.
-std::optional<std::pair<double, Eigen::Vector2d>> bladeBefore(const PhantomScene& scene, int stage,
-                                                              const SheetSolver& solver,
-                                                              const Eigen::Vector2d& direction, double depth) {
-  const auto blade = scene.hitRetractor(stage, solver.T_brain_camera().translation(),
-                                        solver.T_brain_camera().linear() * direction.homogeneous());
-  if (blade && blade->first < depth) return blade;
-  return std::nullopt;
-}
-
-Eigen::Vector3d bladeNormal(const PhantomScene& scene, int stage, const SheetSolver& solver) {
-  const auto& blade = scene.description().stages[static_cast<std::size_t>(stage)].retractor;
-  if (!blade) return Eigen::Vector3d::UnitZ();
-  const double c = std::cos(blade->heading), s = std::sin(blade->heading);
-  const Eigen::Vector3d normal(-c * std::sin(blade->slope), -s * std::sin(blade->slope), std::cos(blade->slope));
-  return solver.T_brain_camera().linear().transpose() * normal;
+/// Instrument in front of whatever the ray meets at `depth`; distance is the camera depth as directions have z = 1.
+std::optional<InstrumentHit> instrumentBefore(const PhantomScene& scene, int stage, const SheetSolver& solver,
+                                              const Eigen::Vector2d& direction, double depth) {
+  auto hit = scene.hitInstrument(stage, solver.T_brain_camera().translation(),
+                                 solver.T_brain_camera().linear() * direction.homogeneous());
+  if (!hit || hit->distance >= depth) return std::nullopt;
+  hit->normal = solver.T_brain_camera().linear().transpose() * hit->normal;
+  return hit;
 }
 
 }  // namespace
@@ -78,15 +94,15 @@ ViewTruth truthOf(const PhantomScene& scene, int stage, const View& view) {
         const Eigen::Vector2d direction = view.direction(column, row);
         const auto hit = solver.nearest(direction, column, row);
         const double depth = hit ? hit->surface.point.z() : std::numeric_limits<double>::infinity();
-        const auto blade = bladeBefore(scene, stage, solver, direction, depth);
-        if (!blade && !hit) continue;
+        const auto tool = instrumentBefore(scene, stage, solver, direction, depth);
+        if (!tool && !hit) continue;
         Material what = Material::kRetractor;
-        if (!blade) {
+        if (!tool) {
           truth.material.at<cv::Vec2d>(row, column) = {hit->material.x(), hit->material.y()};
           what = scene.materialAt(stage, hit->material.x(), hit->material.y());
         }
         const Eigen::Vector3d p =
-            view.T_pmr_camera * (blade ? Eigen::Vector3d(blade->first * direction.homogeneous()) : hit->surface.point);
+            view.T_pmr_camera * (tool ? Eigen::Vector3d(tool->distance * direction.homogeneous()) : hit->surface.point);
         truth.points_pmr.at<cv::Vec3d>(row, column) = {p.x(), p.y(), p.z()};
         truth.what.at<uchar>(row, column) = static_cast<uchar>(what);
       }
@@ -94,13 +110,11 @@ ViewTruth truthOf(const PhantomScene& scene, int stage, const View& view) {
   return truth;
 }
 
-cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int supersampling) {
+cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int supersampling, cv::Mat* depths) {
   const PhantomCase& description = scene.description();
   const SheetSolver solver(scene, stage, view);
   const SurfacePaint paint(scene, stage);
-  const Shader shader(description.light, view.T_pmr_camera.inverse() * view.lamp_pmr,
-                      solver.T_brain_camera().linear().transpose() * Eigen::Vector3d::UnitZ());
-  const Eigen::Vector3d blade_normal = bladeNormal(scene, stage, solver);
+  const Shader shader(scene, stage, view, solver);
   const double gain =
       stage == PhantomScene::kUndeformed ? 1.0 : description.stages[static_cast<std::size_t>(stage)].gain;
   const double corner_square = 0.25 * (view.size.width * view.size.width + view.size.height * view.size.height);
@@ -124,21 +138,28 @@ cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int s
     }
     if (!hit) hit = solver.nearest(direction, column, row);
     const double depth = hit ? hit->surface.point.z() : std::numeric_limits<double>::infinity();
-    if (const auto blade = bladeBefore(scene, stage, solver, direction, depth))
-      return shader.shade(SurfacePaint::steel(blade->second), blade->first * direction.homogeneous(), blade_normal,
-                          blade->second.x(), blade->second.y());
+    if (const auto tool = instrumentBefore(scene, stage, solver, direction, depth))
+      return shader.shade(SurfacePaint::steel(tool->on_surface), tool->distance * direction.homogeneous(), tool->normal,
+                          tool->on_surface.x(), tool->on_surface.y());
     if (!hit) return {0, 0, 0};
     const double x = hit->material.x(), y = hit->material.y();
     return shader.shade(paint.at(x, y, hit->surface), hit->surface.point, normalOf(hit->surface), x, y);
   };
 
   cv::Mat light(view.size, CV_32FC3);
+  if (depths != nullptr) *depths = cv::Mat(view.size, CV_32FC1, cv::Scalar(kNan));
   cv::parallel_for_(cv::Range(0, view.size.height), [&](const cv::Range& range) {
     for (int row = range.start; row < range.end; ++row)
       for (int column = 0; column < view.size.width; ++column) {
         const Eigen::Vector2d direction = view.direction(column, row);
         std::optional<SheetHit> centre;
         if (!solver.isFolded(column, row)) centre = solver.nearest(direction, column, row);
+        if (depths != nullptr) {
+          const auto hit = centre ? centre : solver.nearest(direction, column, row);
+          double depth = hit ? hit->surface.point.z() : std::numeric_limits<double>::infinity();
+          if (const auto tool = instrumentBefore(scene, stage, solver, direction, depth)) depth = tool->distance;
+          if (std::isfinite(depth)) depths->at<float>(row, column) = static_cast<float>(depth);
+        }
         cv::Vec3f sum(0, 0, 0);
         // Within a pixel the distortion is linear to 1e-10.
         const Eigen::Vector2d along_u = view.direction(column + 0.5, row) - view.direction(column - 0.5, row);
@@ -157,73 +178,46 @@ cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int s
   return light;
 }
 
-namespace {
-
-constexpr int kSubLevels = 64;  // steps of a prepared image per grey level
-constexpr std::size_t kTableSize = 1U << 20;
-
-}  // namespace
-
-Sensor::Sensor(double noise, std::uint32_t seed) : seed_(seed) {
-  if (noise <= 0) return;
-  // A long table of normal deviates; every row of every frame starts at its own place in it.
-  Random random(seed);
-  constexpr int kLongestRow = 3 * 8192;
-  table_.resize(kTableSize + kLongestRow);
-  for (std::size_t i = 0; i < kTableSize; i += 2) {
-    const double radius = std::sqrt(-2 * std::log(1 - random.uniform())), angle = 6.283185307179586 * random.uniform();
-    for (const std::size_t k : {std::size_t{0}, std::size_t{1}}) {
-      const double deviate = radius * (k == 0 ? std::cos(angle) : std::sin(angle));
-      table_[i + k] =
-          static_cast<std::int16_t>(std::lround(std::clamp(deviate * noise * 255 * kSubLevels, -15e3, 15e3)));
-    }
-  }
-  std::copy(table_.begin(), table_.begin() + kLongestRow, table_.begin() + kTableSize);
-}
-
-cv::Mat Sensor::prepare(const cv::Mat& light) {
-  cv::Mat prepared;
-  cv::min(light, 1.0, prepared);  // the well is full
-  prepared.convertTo(prepared, CV_16SC3, 255.0 * kSubLevels);
-  return prepared;
-}
-
-cv::Mat Sensor::expose(const cv::Mat& prepared, std::uint64_t frame, Side side) const {
-  cv::Mat image(prepared.size(), CV_8UC3);
-  const int values = 3 * prepared.cols;
-  Random random(seed_ ^ mixBits(2 * frame + (side == Side::kRight ? 1 : 0)));
-  for (int row = 0; row < prepared.rows; ++row) {
-    const std::int16_t* in = prepared.ptr<std::int16_t>(row);
-    uchar* out = image.ptr<uchar>(row);
-    const std::int16_t* noise = table_.empty() ? nullptr : &table_[random.bits() % kTableSize];
-    for (int i = 0; i < values; ++i) {
-      const int level = (in[i] + (noise != nullptr ? noise[i] : 0) + kSubLevels / 2) >> 6;
-      out[i] = static_cast<uchar>(std::clamp(level, 0, 255));
-    }
-  }
-  return image;
+cv::Mat sensorLight(const PhantomScene& scene, int stage, Side side, const Eigen::Isometry3d& moved) {
+  const PhantomCase& description = scene.description();
+  const ImageSettings& image = description.image;
+  View view = scene.view(stage, side);
+  if (!moved.isApprox(Eigen::Isometry3d::Identity())) view.T_pmr_camera = view.T_pmr_camera * moved;
+  cv::Mat depth;
+  cv::Mat light = renderView(scene, stage, view, image.supersampling, image.depth_of_field > 0 ? &depth : nullptr);
+  const double focus =
+      std::hypot(description.cameras.working_distance, 0.5 * description.cameras.baseline) + image.focus_offset;
+  if (!depth.empty()) light = outOfFocus(light, depth, focus, 1e3 * image.depth_of_field);
+  if (side == Side::kRight) light = light * image.right_gain;
+  return respond(light, side == Side::kLeft ? image.left : image.right);
 }
 
 PhantomPairs::PhantomPairs(std::shared_ptr<const PhantomScene> scene)
-    : scene_(std::move(scene)), sensor_(scene_->description().image.noise, scene_->description().image.noise_seed) {}
+    : scene_(std::move(scene)), sensor_(scene_->description().image) {}
 
-const PhantomPairs::Prepared& PhantomPairs::prepared(int stage) {
+std::shared_ptr<const PhantomScene> PhantomPairs::sceneAt(std::uint64_t frame) {
+  const double outward = scene_->description().motion.outwardAt(frame);
+  if (outward == 0) return scene_;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  auto& state = states_[outward];
+  if (!state) state = std::make_shared<const PhantomScene>(scene_->description().atPair(frame));
+  return state;
+}
+
+const PhantomPairs::Prepared& PhantomPairs::prepared(int stage, std::uint64_t frame) {
+  const auto scene = sceneAt(frame);
   std::unique_lock<std::mutex> lock(mutex_);
-  Prepared& entry = stages_[stage];
+  Prepared& entry = stages_[{stage, scene_->description().motion.outwardAt(frame)}];
   lock.unlock();
   std::call_once(entry.once, [&] {
-    const ImageSettings& image = scene_->description().image;
-    const auto render = [&](Side side) {
-      return renderView(*scene_, stage, scene_->view(stage, side), image.supersampling);
-    };
-    entry.left = Sensor::prepare(render(Side::kLeft));
-    entry.right = Sensor::prepare(render(Side::kRight) * image.right_gain);
+    entry.left = Sensor::prepare(sensorLight(*scene, stage, Side::kLeft));
+    entry.right = Sensor::prepare(sensorLight(*scene, stage, Side::kRight));
   });
   return entry;
 }
 
 StereoImages PhantomPairs::take(int stage, std::uint64_t frame) {
-  const Prepared& light = prepared(stage);
+  const Prepared& light = prepared(stage, frame);
   return {sensor_.expose(light.left, frame, Side::kLeft), sensor_.expose(light.right, frame, Side::kRight)};
 }
 

@@ -3,6 +3,8 @@
 #include <cmath>
 #include <limits>
 
+#include "imaging/rippled_film.hpp"
+#include "imaging/tissue_picture.hpp"
 #include "random.hpp"
 #include "scene_stage.hpp"
 #include "smooth_step.hpp"
@@ -82,12 +84,14 @@ PhantomScene::PhantomScene(const PhantomCase& description)
   settings.sulcus_depth = case_.head.sulcus_depth;
   settings.vein_diameter = case_.head.vein_diameter;
   texture_ = std::make_shared<const cortshift_flow_phantom::CorticalTexture>(settings);
+  if (case_.head.picture) picture_ = std::make_shared<const TissuePicture>(*case_.head.picture);
+  if (case_.light.film) film_ = std::make_shared<const RippledFilm>(*case_.light.film);
   for (std::size_t i = 0; i < case_.stages.size(); ++i) {
     const StageSettings& from = case_.stages[i];
     Stage stage;
     stage.deformation = from.deformation;
     stage.shift = from.deformation.sag * gravity_brain_ +
-                  Eigen::Vector3d(from.deformation.lateral.x(), from.deformation.lateral.y(), 0);
+                  Eigen::Vector3d(from.deformation.lateral.x(), from.deformation.lateral.y(), from.deformation.outward);
     Random random(case_.head.seed * 1000ULL + i);
     for (auto& wave : stage.variation) {
       const double k = 2 * kPi / (0.06 + 0.05 * random.uniform()), heading = 2 * kPi * random.uniform();
@@ -280,26 +284,6 @@ std::optional<NearestPoint> PhantomScene::materialOf(const Eigen::Vector3d& poin
   return NearestPoint{m, outside ? gap.norm() : -gap.norm()};
 }
 
-std::optional<std::pair<double, Eigen::Vector2d>> PhantomScene::hitRetractor(int stage, const Eigen::Vector3d& origin,
-                                                                             const Eigen::Vector3d& direction) const {
-  if (stage == kUndeformed || !case_.stages[static_cast<std::size_t>(stage)].retractor) return std::nullopt;
-  const RetractorSettings& blade = *case_.stages[static_cast<std::size_t>(stage)].retractor;
-  const double c = std::cos(blade.heading), s = std::sin(blade.heading);
-  const Eigen::Vector3d along(c * std::cos(blade.slope), s * std::cos(blade.slope), std::sin(blade.slope));
-  const Eigen::Vector3d across(-s, c, 0), normal = along.cross(across);
-  const double approach = direction.dot(normal);
-  if (std::abs(approach) < 1e-12) return std::nullopt;
-  const double distance = (blade.tip - origin).dot(normal) / approach;
-  if (distance <= 0) return std::nullopt;
-  const Eigen::Vector3d offset = origin + distance * direction - blade.tip;
-  const Eigen::Vector2d on_blade(offset.dot(along), offset.dot(across));
-  const double half = 0.5 * blade.width;
-  const bool in_shaft = on_blade.x() >= half && on_blade.x() <= blade.length && std::abs(on_blade.y()) <= half;
-  const bool in_end = (on_blade - Eigen::Vector2d(half, 0)).norm() <= half;
-  if (!in_shaft && !in_end) return std::nullopt;
-  return std::make_pair(distance, on_blade);
-}
-
 std::optional<RayHit> PhantomScene::castRay(int stage, const Eigen::Vector3d& origin_pmr,
                                             const Eigen::Vector3d& direction_pmr) const {
   const Eigen::Vector3d origin = T_brain_pmr_ * origin_pmr;
@@ -340,9 +324,9 @@ std::optional<RayHit> PhantomScene::castRay(int stage, const Eigen::Vector3d& or
       above = next;
     }
   }
-  const auto blade = hitRetractor(stage, origin, direction);
-  if (blade && (!hit || blade->first < hit->distance))
-    hit = RayHit{blade->first, Eigen::Vector2d(kNan, kNan), case_.T_pmr_brain * (origin + blade->first * direction),
+  const auto tool = hitInstrument(stage, origin, direction);
+  if (tool && (!hit || tool->distance < hit->distance))
+    hit = RayHit{tool->distance, Eigen::Vector2d(kNan, kNan), case_.T_pmr_brain * (origin + tool->distance * direction),
                  Material::kRetractor};
   return hit;
 }

@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 
+#include "imaging/tissue_picture.hpp"
 #include "random.hpp"
 #include "scene_stage.hpp"
 #include "smooth_step.hpp"
@@ -71,8 +72,11 @@ Paint SurfacePaint::at(double x, double y, const SurfaceSample& surface) const {
   Paint paint{{0, 0, 0}, 1.0F};
   const double rim_share = smoothStep(0.5 - inside / (2 * kSeam));
   if (rim_share < 1) {
-    paint.colour =
-        surface.rim.value < 1 ? scene_.texture().colour(x, y, surface.relief) : scene_.texture().colour(x, y);
+    if (scene_.picture() != nullptr)
+      paint.colour = scene_.picture()->colour(x, y);
+    else
+      paint.colour =
+          surface.rim.value < 1 ? scene_.texture().colour(x, y, surface.relief) : scene_.texture().colour(x, y);
     if (stage_ != PhantomScene::kUndeformed) paintHole(x, y, paint);
   }
   if (rim_share > 0) {

@@ -38,7 +38,10 @@ Check checkOf(CheckId id) {
               kPairDoors};
     case CheckId::kDefocused:
       return {"defocused", "fine detail over coarse detail in the middle of the image",
-              "at least " + number(pair.min_sharpness) + "; else refused", "min_sharpness", kPairDoors};
+              "at least " + number(pair.min_sharpness) +
+                  ", and the detail of the two images alike within a factor of " + number(pair.max_sharpness_ratio) +
+                  "; else refused",
+              "min_sharpness, max_sharpness_ratio", kPairDoors};
     case CheckId::kRawAndCompressed:
       return {"raw_and_compressed", "a raw and a compressed image of one camera and stamp",
               "the same content but for the losses of JPEG; else refused", "", "reconstruction, process_bag"};
@@ -48,17 +51,19 @@ Check checkOf(CheckId id) {
     case CheckId::kNoStamp:
       return {"no_stamp", "stamp of the pair", "set; zero is refused", "", kRigDoors};
     case CheckId::kSwapped:
-      return {"swapped", "vertical gap between matched corners, as it is and with the cameras exchanged",
+      return {"swapped", "vertical gap between matched points, as it is and with the images exchanged",
               "not plainly better exchanged; else refused", "", kPairDoors};
     case CheckId::kEpipolar:
-      return {"epipolar", "median vertical gap between matched corners",
-              "at most " + number(pair.max_epipolar_residual) + " px; else refused", "max_epipolar_residual",
-              kPairDoors};
+      return {"epipolar", "vertical gaps between matched points, as a motion of the right camera",
+              "gaps of a turn are taken out up to " + number(pair.max_misalignment) +
+                  " px and warned of, beyond refused; what scatters about it at most " +
+                  number(pair.max_epipolar_residual) + " px, else refused",
+              "max_misalignment, max_epipolar_residual", kPairDoors};
     case CheckId::kCoverage:
       return {"coverage", "share of the image with a point",
               "at least " + number(100 * pair.min_coverage) + " %; else refused", "min_coverage", kPairDoors};
     case CheckId::kNoMatch:
-      return {"no_match", "corners found in both images", "enough to trust the pair; else refused", "", kPairDoors};
+      return {"no_match", "points found in both images", "enough to trust the pair; else refused", "", kPairDoors};
     case CheckId::kCameraInfo:
       return {"camera_info", "camera_info of both cameras", "heard; else refused", "calibration_timeout", kRigDoors};
     case CheckId::kCalibration:

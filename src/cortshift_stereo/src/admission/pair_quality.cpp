@@ -3,11 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/video/tracking.hpp>
 #include <vector>
 
 #include "cortshift_flow/text.hpp"
-#include "cortshift_stereo/geometry/lens.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -20,18 +18,24 @@ double standardDeviation(const cv::Mat& image) {
   return deviation[0];
 }
 
-double median(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
-  return values[values.size() / 2];
+double variance(const cv::Mat& image) {
+  const double deviation = standardDeviation(image);
+  return deviation * deviation;
 }
 
-cv::Point2f rawPosition(const cv::Mat& map, const cv::Point2f& rectified) {
-  const int x = std::min(static_cast<int>(rectified.x), map.cols - 2);
-  const int y = std::min(static_cast<int>(rectified.y), map.rows - 2);
-  const float u = rectified.x - static_cast<float>(x), v = rectified.y - static_cast<float>(y);
-  const auto at = [&](int dx, int dy) { return map.at<cv::Vec2f>(y + dy, x + dx); };
-  const cv::Vec2f raw = (1 - v) * ((1 - u) * at(0, 0) + u * at(1, 0)) + v * ((1 - u) * at(0, 1) + u * at(1, 1));
-  return {raw[0], raw[1]};
+/// Standard deviation of white noise [grey levels]: the median size of a second difference both ways, which a blurred
+/// image has nothing else in (Immerkaer 1996).
+double noiseOf(const cv::Mat& grey) {
+  const cv::Matx33f kernel(1, -2, 1, -2, 4, -2, 1, -2, 1);
+  cv::Mat difference;
+  cv::filter2D(grey, difference, CV_32F, kernel);
+  std::vector<float> sizes;
+  for (int y = 1; y + 1 < difference.rows; y += 2)
+    for (int x = 1; x + 1 < difference.cols; x += 2) sizes.push_back(std::abs(difference.at<float>(y, x)));
+  if (sizes.empty()) return 0;
+  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
+  std::nth_element(sizes.begin(), middle, sizes.end());
+  return 1.4826 * static_cast<double>(*middle) / 6;  // 6: root of the kernel's sum of squares
 }
 
 }  // namespace
@@ -74,8 +78,15 @@ ImageQuality measureImage(const cv::Mat& image) {
     return out;
   };
   const cv::Mat one = smooth(values, 1), two = smooth(one, std::sqrt(3.0));
-  const cv::Mat four = half(smooth(half(two), std::sqrt(12.0) / 2)), eight = smooth(four, std::sqrt(48.0) / 4);
-  quality.sharpness = standardDeviation(one - two) / std::max(1e-6, standardDeviation(four - eight));
+  const cv::Mat two_half = half(two), four = smooth(two_half, std::sqrt(12.0) / 2);
+  const cv::Mat four_half = half(four), eight = smooth(four_half, std::sqrt(48.0) / 4);
+  quality.sharpness = standardDeviation(one - two) / std::max(1e-6, standardDeviation(four_half - eight));
+  // White noise of variance 1 leaves 1 / (4 pi s^2) behind a Gaussian of deviation s, and of the difference of two
+  // 1 / (4 pi) (1 / s^2 + 1 / t^2 - 4 / (s^2 + t^2)): 0.0090 for 2 and 4 px, 0.0022 for 4 and 8.
+  const double noise2 = noiseOf(values) * noiseOf(values);
+  const double fine = std::max(0.0, variance(two_half - four) - 0.0090 * noise2);
+  const double coarse = std::max(1e-6, variance(four_half - eight) - 0.0022 * noise2);
+  quality.detail = std::sqrt(fine / coarse);
   return quality;
 }
 
@@ -123,48 +134,96 @@ Findings checkSameImage(const cv::Mat& raw, const cv::Mat& decompressed, const s
   return found;
 }
 
-EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Mat& disparity,
-                                         const Rectifier& rectifier) {
-  const cv::Mat &left = pair.left_sharp, &right = pair.right_sharp;
-  constexpr int kCorners = 300;
-  std::vector<cv::Point2f> corners, from, found;
-  cv::Mat half, half_usable;
-  cv::resize(left, half, {}, 0.5, 0.5, cv::INTER_AREA);
-  cv::resize(pair.left_usable, half_usable, half.size(), 0, 0, cv::INTER_NEAREST);
-  cv::goodFeaturesToTrack(half, corners, kCorners, 0.01, std::max(5.0, half.cols / 64.0), half_usable, 3);
-  for (cv::Point2f& corner : corners) {
-    corner = 2 * corner + cv::Point2f(0.5f, 0.5f);
-    const float d = disparity.at<float>(cvRound(corner.y), cvRound(corner.x));
-    if (!std::isfinite(d)) continue;
-    from.push_back(corner);
-    found.emplace_back(corner.x - d, corner.y);
+Findings checkAlikeSharp(const ImageQuality& left, const ImageQuality& right, const PairLimits& limits) {
+  Findings found;
+  const bool left_worse = left.detail < right.detail;
+  const double less = left_worse ? left.detail : right.detail, more = left_worse ? right.detail : left.detail;
+  if (more > limits.max_sharpness_ratio * less)
+    found.refuse(CheckId::kDefocused, std::string("The ") + (left_worse ? "left" : "right") + " image",
+                 "is blurred against the other one (detail " + shortNumber(less) + " against " + shortNumber(more) +
+                     ", at most " + shortNumber(limits.max_sharpness_ratio) + " times as much is allowed)",
+                 "check the focus and the lens of that camera");
+  return found;
+}
+
+namespace {
+
+constexpr int kFewestPoints = 20;
+constexpr double kSureSds = 4;  // standard errors: 1 in 16000 by chance
+constexpr double kDegrees = 180 / CV_PI;
+// Rows tell a turn about the vertical axis by little (0.4 px in the corners for 0.5 deg), and so does what a
+// calibration leaves of the distortion: warned of, and refused where it is far beyond that.
+constexpr double kDoubtfulTurnY = 0.15 / kDegrees, kMostTurnY = 0.3 / kDegrees;
+
+std::string degrees(double radians) { return shortNumber(kDegrees * std::abs(radians)) + " deg"; }
+
+}  // namespace
+
+RowVerdict judgeRows(const RowAgreement& rows, const PairLimits& limits) {
+  RowVerdict verdict;
+  Findings& found = verdict.findings;
+  if (rows.matched < kFewestPoints) {
+    found.refuse(CheckId::kNoMatch, "The match",
+                 "rests on only " + std::to_string(rows.matched) + " points found in both images, at least " +
+                     std::to_string(kFewestPoints) + " are needed to trust the pair",
+                 "check that both images show the same scene");
+    return verdict;
   }
-  EpipolarResidual residual;
-  if (from.empty()) return residual;
-  std::vector<uint8_t> status;
-  std::vector<float> error;
-  cv::calcOpticalFlowPyrLK(left, right, from, found, status, error, {15, 15}, 2,
-                           cv::TermCriteria(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 15, 0.02),
-                           cv::OPTFLOW_USE_INITIAL_FLOW);
-  std::vector<cv::Point2d> left_raw, right_raw;
-  std::vector<double> signed_gaps, gaps;
-  const cv::Rect2f inside(0, 0, static_cast<float>(left.cols - 1), static_cast<float>(left.rows - 1));
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    if (!status[i] || !inside.contains(found[i])) continue;
-    signed_gaps.push_back(found[i].y - from[i].y);
-    gaps.push_back(std::abs(signed_gaps.back()));
-    left_raw.push_back(rawPosition(rectifier.leftMap(), from[i]));
-    right_raw.push_back(rawPosition(rectifier.rightMap(), found[i]));
-  }
-  residual.matched = static_cast<int>(gaps.size());
-  if (gaps.empty()) return residual;
-  residual.offset = median(signed_gaps);
-  residual.spread = median(gaps);
-  const std::vector<cv::Point2d> left_as_right = rectifyPoints(rectifier.model().right, left_raw);
-  const std::vector<cv::Point2d> right_as_left = rectifyPoints(rectifier.model().left, right_raw);
-  for (std::size_t i = 0; i < gaps.size(); ++i) gaps[i] = std::abs(left_as_right[i].y - right_as_left[i].y);
-  residual.spread_if_swapped = median(gaps);
-  return residual;
+  constexpr double kPlainlyBetter = 0.5, kLeastGap = 0.5;  // [px]
+  if (rows.spread_as_is > kLeastGap && rows.spread_if_swapped < kPlainlyBetter * rows.spread_as_is)
+    found.refuse(CheckId::kSwapped, "Left and right",
+                 "are swapped: the rows of the two images agree to " + shortNumber(rows.spread_if_swapped) +
+                     " px when exchanged, but to " + shortNumber(rows.spread_as_is) + " px as they are",
+                 "exchange the cables or the topics");
+  const std::string images = "The rows of the two images", camera = "The right camera";
+  const std::string remedy = "the images are not of one pair, or a camera moved since its calibration; calibrate again";
+  if (rows.spread > limits.max_epipolar_residual)
+    found.refuse(CheckId::kEpipolar, images,
+                 "do not agree (vertical gaps of " + std::to_string(rows.matched) + " points scatter by " +
+                     shortNumber(rows.spread) + " px, at most " + shortNumber(limits.max_epipolar_residual) +
+                     " px is allowed)",
+                 remedy);
+  if (rows.misalignment.surely(kSureSds) > limits.max_misalignment)
+    found.refuse(CheckId::kEpipolar, images,
+                 "do not agree: the right camera is turned by " +
+                     degrees(std::hypot(rows.turn_x.value, rows.turn_z.value)) +
+                     " against its calibration (rows off by " + shortNumber(rows.misalignment.value) +
+                     " px, standard error " + shortNumber(rows.misalignment.sd) + ", at most " +
+                     shortNumber(limits.max_misalignment) + " px can be taken out)",
+                 remedy);
+  if (std::abs(rows.turn_y.surely(kSureSds)) > kMostTurnY)
+    found.refuse(CheckId::kEpipolar, camera,
+                 "is turned about the vertical axis by " + degrees(rows.turn_y.value) + " (standard error " +
+                     shortNumber(kDegrees * rows.turn_y.sd) +
+                     " deg) against its calibration, which changes every depth",
+                 remedy);
+  // A row that is off by this much shifts a match along a slanting vessel by as much: 0.1 mm at 300 mm.
+  constexpr double kWorthIt = 0.15;  // [px]
+  if (rows.misalignment.surely(kSureSds) > kWorthIt) verdict.turn = cv::Vec3d(rows.turn_x.value, 0, rows.turn_z.value);
+  return verdict;
+}
+
+Findings warningsOfRows(const RowAgreement& rows, const cv::Vec3d& taken, const StereoModel& model, double depth) {
+  Findings found;
+  const double turn = cv::norm(taken), focal = model.right.P(1, 1);
+  const auto depthError = [&](double by) {
+    return shortNumber(1e3 * depth * depth / model.baseline() * std::abs(by)) + " mm";
+  };
+  const std::string camera = "The right camera", remedy = "calibrate again";
+  if (turn > 0)
+    found.warn(CheckId::kEpipolar, camera,
+               "is turned by " + degrees(turn) + " against its calibration (" + degrees(taken[0]) +
+                   " about the horizontal axis, rows off by " + shortNumber(focal * std::abs(taken[0])) + " px, and " +
+                   degrees(taken[2]) + " about the optical axis); this was taken out, but a turn about the vertical " +
+                   "axis does not show in the rows, and one as large makes depths wrong by " + depthError(turn),
+               remedy);
+  if (std::abs(rows.turn_y.surely(kSureSds)) > kDoubtfulTurnY)
+    found.warn(CheckId::kEpipolar, camera,
+               "seems to be turned about the vertical axis by " + degrees(rows.turn_y.value) + " (standard error " +
+                   shortNumber(kDegrees * rows.turn_y.sd) +
+                   " deg) against its calibration, which makes depths wrong by " + depthError(rows.turn_y.value),
+               remedy);
+  return found;
 }
 
 }  // namespace cortshift_stereo

@@ -56,27 +56,20 @@ Findings ViewMemory::add(int64_t stamp_ns, const Eigen::Isometry3d& T_pmr_left, 
   if (!views_.empty() && stamp_ns < views_.back().stamp_ns) views_.clear();  // a recording that runs again
   while (!views_.empty() && (stamp_ns - views_.front().stamp_ns > kKept || views_.size() == kMost)) views_.pop_front();
   const View view{stamp_ns, T_pmr_left, detailOf(image), optics};
-  const auto comparable = [&](const View& earlier) {
-    return earlier.optics == optics && earlier.detail.size() == view.detail.size();
-  };
-  const auto ago = [&](const View& earlier) { return secondsText(stamp_ns - earlier.stamp_ns); };
-  // First of all views: an image that repeats itself would make a good pose look stuck.
   for (const View& earlier : views_) {
+    if (earlier.optics != optics || earlier.detail.size() != view.detail.size()) continue;
+    const std::string ago = secondsText(stamp_ns - earlier.stamp_ns);
     const double moved = (earlier.T_pmr_left.translation() - T_pmr_left.translation()).norm();
-    if (!comparable(earlier) || moved <= kMoved || cv::norm(earlier.detail, view.detail, cv::NORM_INF) != 0) continue;
-    found.refuse(CheckId::kImageRepeated, "The left image",
-                 "is bit by bit the one of " + ago(earlier) + " before, though the camera has moved since",
-                 "the camera or its driver repeats itself; start it again");
-    return found;
-  }
-  for (const View& earlier : views_) {
-    if (!comparable(earlier) || earlier.T_pmr_left.matrix() != T_pmr_left.matrix() ||
-        !detailMoved(earlier.detail, view.detail))
-      continue;
-    found.refuse(
-        CheckId::kPoseStuck, "The pose of the camera",
-        "is bit by bit the one of " + ago(earlier) + " before, but the surroundings in the image have moved since",
-        "the tracker repeats itself; check that it sees the microscope, and the connection to it");
+    if (moved > kMoved && cv::norm(earlier.detail, view.detail, cv::NORM_INF) == 0) {
+      found.refuse(CheckId::kImageRepeated, "The left image",
+                   "is bit by bit the one of " + ago + " before, though the camera has moved since",
+                   "the camera or its driver repeats itself; start it again");
+      return found;
+    }
+    if (earlier.T_pmr_left.matrix() != T_pmr_left.matrix() || !detailMoved(earlier.detail, view.detail)) continue;
+    found.refuse(CheckId::kPoseStuck, "The pose of the camera",
+                 "is bit by bit the one of " + ago + " before, but the surroundings in the image have moved since",
+                 "the tracker repeats itself; check that it sees the microscope, and the connection to it");
     return found;
   }
   views_.push_back(view);

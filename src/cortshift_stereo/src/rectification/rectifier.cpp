@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <opencv2/calib3d.hpp>
 #include <opencv2/core/hal/intrin.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -157,10 +158,15 @@ Rectifier::Rectifier(const StereoModel& model, const SettingsFields& fields, con
 
 Rectifier::Side Rectifier::makeSide(const CameraModel& camera, const SettingsWarp* warp,
                                     const MicroscopeSetting& setting) {
-  const cv::Size size = camera.size;
   Side side;
   side.calibrated_map = rectifyingMap(camera);
   side.map = warp != nullptr ? warp->compose(side.calibrated_map, setting) : side.calibrated_map;
+  finishSide(side);
+  return side;
+}
+
+void Rectifier::finishSide(Side& side) {
+  const cv::Size size = side.map.size();
   side.inside.create(size, CV_8UC1);
   for (int y = 0; y < size.height; ++y) {
     const auto* at = side.map.ptr<cv::Vec2f>(y);
@@ -172,7 +178,46 @@ Rectifier::Side Rectifier::makeSide(const CameraModel& camera, const SettingsWar
     }
   }
   cv::convertMaps(side.map, cv::noArray(), side.map_near, side.map_share, CV_16SC2);
-  return side;
+}
+
+namespace {
+
+/// A smooth map at places between and a little beyond its pixels.
+cv::Mat mapAt(const cv::Mat& map, const cv::Matx33d& place_of_pixel) {
+  cv::Mat out(map.size(), CV_32FC2);
+  cv::parallel_for_(cv::Range(0, out.rows), [&](const cv::Range& rows) {
+    for (int y = rows.start; y < rows.end; ++y)
+      for (int x = 0; x < out.cols; ++x) {
+        const cv::Vec3d place = place_of_pixel * cv::Vec3d(x, y, 1);
+        const double column = place[0] / place[2], row = place[1] / place[2];
+        const int i = std::clamp(static_cast<int>(std::floor(column)), 0, map.cols - 2);
+        const int j = std::clamp(static_cast<int>(std::floor(row)), 0, map.rows - 2);
+        const auto u = static_cast<float>(column - i), v = static_cast<float>(row - j);
+        const auto* above = map.ptr<cv::Vec2f>(j) + i;
+        const auto* below = map.ptr<cv::Vec2f>(j + 1) + i;
+        out.at<cv::Vec2f>(y, x) =
+            (1 - v) * ((1 - u) * above[0] + u * above[1]) + v * ((1 - u) * below[0] + u * below[1]);
+      }
+  });
+  return out;
+}
+
+}  // namespace
+
+Rectifier Rectifier::withRightTurned(const cv::Vec3d& turn) const {
+  Rectifier turned = *this;
+  cv::Matx33d rotation;
+  cv::Rodrigues(turn, rotation);
+  const cv::Matx33d K = model_.right.P.get_minor<3, 3>(0, 0);
+  const cv::Matx33d place_of_pixel = K * rotation * K.inv();
+  turned.model_.right.R = rotation.t() * model_.right.R;
+  turned.right_.calibrated_map = mapAt(right_.calibrated_map, place_of_pixel);
+  turned.right_.map = mapAt(right_.map, place_of_pixel);
+  turned.right_.inside = cv::Mat();
+  turned.right_.map_near = cv::Mat();
+  turned.right_.map_share = cv::Mat();
+  finishSide(turned.right_);
+  return turned;
 }
 
 double Rectifier::leftShare() const {

@@ -110,7 +110,9 @@ PairSurface PairReconstruction::operator()(const PairMessages& pair, const PoseS
   out.frame.T_pmr_left = poses.at(parameters_.map_frame, parameters_.camera_frame, pair.stamp);
   found.add(judgePose(pair, *stereo_, poses));
   views_.add(out.frame.stamp_ns, out.frame.T_pmr_left, left, out.frame.rectifier).requireAccepted();
-  out.frame.warnings = out.warnings = found.warnings();
+  out.warnings = found.warnings();
+  addWarnings(out.warnings, out.result.warnings);
+  out.frame.warnings = out.warnings;
   out.frame.frame = {out.result.disparity, out.result.surface_left.colour, out.result.surface_left.confidence};
   recent_.add(out.frame);
   out.averaged = recent_.size();

@@ -42,8 +42,7 @@ class PhantomPair {
       : scene_(std::make_shared<cortshift_stereo_phantom::PhantomScene>(description)) {
     using namespace cortshift_stereo_phantom;
     for (const Side side : {Side::kLeft, Side::kRight})
-      light_[side == Side::kRight] =
-          renderView(*scene_, stage, scene_->view(stage, side), description.image.supersampling);
+      light_[side == Side::kRight] = sensorLight(*scene_, stage, side);
     const View view = scene_->rectified(stage, Side::kLeft);
     const ViewTruth truth = truthOf(*scene_, stage, view);
     depth_.create(view.size, CV_32FC1);
@@ -60,9 +59,15 @@ class PhantomPair {
 
   const cortshift_stereo::StereoModel& model() const { return scene_->stereoHead().model; }
   const cortshift_stereo_phantom::PhantomScene& scene() const { return *scene_; }
+  /// CV_32FC3, on the sensor of the left (0) or right (1) camera.
+  const cv::Mat& light(int side) const { return light_[side]; }
+
   cortshift_stereo_phantom::StereoImages take(const Exposure& exposure) const {
     using namespace cortshift_stereo_phantom;
-    const Sensor sensor(exposure.noise, 1);
+    ImageSettings image = scene_->description().image;
+    image.noise = exposure.noise;
+    image.noise_seed = 1;
+    const Sensor sensor(image);
     return {sensor.expose(Sensor::prepare(light_[0]), exposure.frame, Side::kLeft),
             sensor.expose(Sensor::prepare(light_[1] * exposure.right_gain), exposure.frame, Side::kRight)};
   }

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <optional>
 #include <string>
+#include <vector>
 
+#include "cortshift_stereo/admission/row_agreement.hpp"
 #include "cortshift_stereo/admission/verdict.hpp"
-#include "cortshift_stereo/rectification/rectifier.hpp"
 
 namespace cortshift_stereo {
 
@@ -14,7 +16,9 @@ struct PairLimits {
   double min_contrast = 4;             ///< [grey levels] standard deviation of the luminance
   double max_saturated_share = 0.25;   ///< [0...1] of the pixels
   double min_sharpness = 0.18;         ///< see ImageQuality
-  double max_epipolar_residual = 1.0;  ///< [px]
+  double max_epipolar_residual = 1.0;  ///< [px] spread of the vertical gaps that no motion of the cameras explains
+  double max_misalignment = 3.0;       ///< [px] vertical gaps by a turn of the right camera; up to here it is taken out
+  double max_sharpness_ratio = 2.5;    ///< of ImageQuality::detail between the two images
   double min_coverage = 0.25;          ///< [0...1] of what the camera shows of the rectified left image, with a point
 };
 
@@ -24,6 +28,7 @@ struct ImageQuality {
   double saturated_share;  ///< [0...1] of the pixels have two channels at the upper end
   double sharpness;        ///< amplitude of detail of 2-4 px relative to detail of 8-16 px in the middle of the image:
                            ///< 0.5 ... 1 in focus, below 0.17 when blurred by 4 px
+  double detail;           ///< amplitude of detail of 4-8 px relative to detail of 8-16 px, sensor noise taken off
 };
 
 /// @param image  CV_8UC3
@@ -36,17 +41,22 @@ Findings checkImage(const ImageQuality& quality, const PairLimits& limits, const
 /// scene, or the image turned or shifted, is another image.
 Findings checkSameImage(const cv::Mat& raw, const cv::Mat& decompressed, const std::string& side);
 
-/// Vertical misalignment of corners matched in two dimensions. A swapped or mismatched pair, or a camera that has
-/// moved since its calibration, is detected here, although matching along the rows would still find something.
-struct EpipolarResidual {
-  int matched = 0;               ///< corners found in both images
-  double offset = 0;             ///< [px] median y_right - y_left
-  double spread = 0;             ///< [px] median |y_right - y_left|
-  double spread_if_swapped = 0;  ///< [px] the same if the left image were the right camera's and the other way round
+/// What the rows of a pair say: swapped, no_match or epipolar where they refuse it.
+struct RowVerdict {
+  Findings findings;
+  std::optional<cv::Vec3d> turn;  ///< [rad] of the right camera, worth taking out: see Rectifier::withRightTurned
 };
 
-/// @param disparity  CV_32FC1, NaN where invalid: where to start looking
-EpipolarResidual measureEpipolarResidual(const RectifiedPair& pair, const cv::Mat& disparity,
-                                         const Rectifier& rectifier);
+/// Refuses a pair whose rows say that it is none or that its calibration is void; a turn that is smaller is to be taken
+/// out. A limit counts as passed only where chance (four standard errors) does not explain it.
+RowVerdict judgeRows(const RowAgreement& rows, const PairLimits& limits);
+
+/// Refuses a pair of which one image is blurred against the other, naming the side.
+Findings checkAlikeSharp(const ImageQuality& left, const ImageQuality& right, const PairLimits& limits);
+
+/// Warns of a turn of the right camera that was taken out, and of one that rows tell but little of.
+/// @param taken  [rad]
+/// @param depth  [m] of the surface: a turn about the vertical axis by w changes it by depth^2 w / baseline
+Findings warningsOfRows(const RowAgreement& rows, const cv::Vec3d& taken, const StereoModel& model, double depth);
 
 }  // namespace cortshift_stereo

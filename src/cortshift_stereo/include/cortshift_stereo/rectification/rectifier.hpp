@@ -34,6 +34,10 @@ class Rectifier {
   /// @throws CalibrationError if the model is not valid or the fields are for another image size; SettingNotCalibrated
   Rectifier(const StereoModel& model, const SettingsFields& fields, const MicroscopeSetting& setting);
 
+  /// The same for a right camera that has turned since its calibration.
+  /// @param turn  rotation vector [rad] that takes directions of the true rectified right frame to those of this one
+  Rectifier withRightTurned(const cv::Vec3d& turn) const;
+
   const StereoModel& model() const { return model_; }
 
   /// @param left, right  CV_8UC3 raw images of the calibrated size
@@ -55,6 +59,7 @@ class Rectifier {
     cv::Mat map_near;  // CV_16SC2 and CV_16UC1: the same in OpenCV's fixed point, for the colours
     cv::Mat map_share;
   };
+  static void finishSide(Side& side);
   static Side makeSide(const CameraModel& camera, const SettingsWarp* warp, const MicroscopeSetting& setting);
   struct RectifiedSide {
     cv::Mat &smooth, &sharp, &seen, &usable;

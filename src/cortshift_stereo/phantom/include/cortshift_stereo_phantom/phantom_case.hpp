@@ -28,6 +28,16 @@ struct OutlineSettings {
   std::uint32_t seed = 1;
 };
 
+/// A photograph in the place of the painted cortex.
+struct PictureSettings {
+  std::string file;              ///< any format that OpenCV reads; relative to the folder of the case file
+  double width = 0.072;          ///< that the picture's width is spread over; mirrored beyond its edges [m]
+  Eigen::Vector2d centre{0, 0};  ///< material coordinates of its middle [m]
+  double turn = 0;               ///< from material x to the picture's rows [rad]
+  double gain = 1;               ///< of its values
+  double contrast = 1;           ///< of its detail about its mean colour: below 1 for weak texture
+};
+
 /// The undeformed head. Material coordinates (x, y) [m] are those of the plane z = 0 of the brain frame, whose z axis
 /// points out of the head at the middle of the craniotomy.
 struct HeadSettings {
@@ -36,9 +46,10 @@ struct HeadSettings {
   double sulcus_depth = 0.0012;  ///< [m]
   double vein_diameter = 0.002;  ///< of the largest vessels [m]
   OutlineSettings craniotomy;
-  double window_width = 0.018;  ///< displacement falls from full to 0 at the rim over this width [m]
-  double bone_height = 0.003;   ///< of the bone above the brain at the rim [m]
-  double bevel_width = 0.004;   ///< over which the bone rises [m]
+  double window_width = 0.018;             ///< displacement falls from full to 0 at the rim over this width [m]
+  double bone_height = 0.003;              ///< of the bone above the brain at the rim [m]
+  double bevel_width = 0.004;              ///< over which the bone rises [m]
+  std::optional<PictureSettings> picture;  ///< nothing: painted cortex
 };
 
 /// A lens whose intrinsics and distortion change with the microscope's settings. m and f are magnification and focal
@@ -72,12 +83,31 @@ struct CameraSettings {
   std::optional<ZoomSettings> zoom;  ///< nothing: the stages' settings are reported, but nothing changes in the images
 };
 
+/// A rippled film of water on the brain, in which the lamp is mirrored: the glints lie where the film's normal halves
+/// the angle between lamp and eye, elsewhere for each camera and each place of the microscope.
+struct FilmSettings {
+  double strength = 4;        ///< of the lamp's mirror image, of full scale: above 1 saturates
+  double slope = 0.08;        ///< root mean square slope of the ripples
+  double wavelength = 0.003;  ///< of the ripples: half of it to twice [m]
+  double lamp_angle = 0.06;   ///< radius of the lamp as the tissue sees it, its soft rim included [rad]
+  std::uint32_t seed = 1;
+};
+
 struct LightSettings {
   Eigen::Vector3d position_head{0, -0.020, 0};  ///< of the lamp in the stereo head's frame [m]
   double ambient = 0.25;                        ///< share of the light that falls from everywhere
   double diffuse = 0.80;                        ///< share that falls from the lamp
   double specular = 0.0;                        ///< strength of the wet highlights; 0: none, 1 saturates
   double shininess = 500;                       ///< exponent of the highlights
+  std::optional<FilmSettings> film;             ///< nothing: no film
+};
+
+/// What one camera makes of the light.
+struct ResponseSettings {
+  Eigen::Vector3d white_balance{1, 1, 1};  ///< gain of blue, green, red
+  double gain = 1;
+  double black_level = 0;  ///< of full scale, added to every value
+  double blur = 0;         ///< standard deviation of the lens's own blur [px]
 };
 
 struct ImageSettings {
@@ -86,6 +116,25 @@ struct ImageSettings {
   double vignette = 0.0;     ///< loss of light in the image corner, 0...1
   double right_gain = 1.0;   ///< gain of the right camera over the left
   std::uint32_t noise_seed = 1;
+  double shot_noise = 0;      ///< standard deviation at full scale of the noise that grows with the root of the signal
+  double depth_of_field = 0;  ///< standard deviation of the blur per millimetre from the focal plane [px/mm]
+  double focus_offset = 0;    ///< of the focal plane beyond the working distance [m]
+  bool bayer = false;         ///< one colour per pixel (RGGB), the others interpolated
+  int jpeg = 0;               ///< quality 1...100; 0: not compressed
+  ResponseSettings left, right;
+};
+
+/// The brain rises and falls between the pairs: along the brain's z, inside the window, as
+/// DeformationSettings::outward.
+struct MotionSettings {
+  double pulsation = 0;          ///< amplitude [m]; 0.0003 is a brain's
+  double pulsation_rate = 1.2;   ///< [Hz]
+  double breathing = 0;          ///< amplitude [m]
+  double breathing_rate = 0.25;  ///< [Hz]
+  double pair_interval = 0.1;    ///< between two exposures [s]
+
+  /// At the exposure of pair `frame` [m], in steps of 20 um so that few states are rendered.
+  double outwardAt(std::uint64_t frame) const;
 };
 
 /// Displacement from the undeformed head. All parts fall to 0 at the rim and add up.
@@ -96,6 +145,7 @@ struct DeformationSettings {
   Eigen::Vector2d bulge_centre{0, 0};  ///< [m]
   double bulge_width = 0.012;          ///< standard deviation of the bulge [m]
   double variation = 0;                ///< amplitude of a slow irregular part, each axis [m]
+  double outward = 0;                  ///< along brain z, everywhere alike [m]
 };
 
 /// Where the microscope stands: it looks at a point of the plane z = 0 of the brain frame.
@@ -128,6 +178,15 @@ struct RetractorSettings {
   double length = 0.080;                 ///< [m]
 };
 
+/// A round instrument with a hemispherical tip above the surface: it hides tissue and keeps the lamp's light from it.
+struct RodSettings {
+  Eigen::Vector3d tip{0.005, 0, 0.004};  ///< its end (brain frame) [m]
+  double heading = 0;                    ///< direction from the tip to the handle, from brain x to y [rad]
+  double slope = 0.5;                    ///< rise towards the handle [rad]
+  double diameter = 0.004;               ///< [m]
+  double length = 0.080;                 ///< [m]
+};
+
 /// A point that the tracked probe is held at.
 struct ProbeTargetSettings {
   std::string label;
@@ -145,6 +204,7 @@ struct StageSettings {
   std::vector<BloodSettings> blood;
   std::optional<HoleSettings> hole;
   std::optional<RetractorSettings> retractor;
+  std::vector<RodSettings> rods;
   std::vector<ProbeTargetSettings> probe;  ///< visited in this order, again and again; empty: no probe in view
 };
 
@@ -158,13 +218,18 @@ struct PhantomCase {
   CameraSettings cameras;
   LightSettings light;
   ImageSettings image;
+  MotionSettings motion;
   std::vector<StageSettings> stages;
 
   /// @throws PhantomCaseError naming the first value out of its range, a repeated stage name, or a missing stage.
   void validate() const;
+
+  /// The case as it stands at the exposure of pair `frame`.
+  PhantomCase atPair(std::uint64_t frame) const;
 };
 
-/// Reads and validates a case. Every key is checked; unknown keys are refused by name.
+/// Reads and validates a case. Every key is checked; unknown keys are refused by name. The key `based_on` names another
+/// case file (relative to this one's folder) whose keys hold where this one has none; lists are taken as a whole.
 /// @throws PhantomCaseError
 PhantomCase loadPhantomCase(const std::string& path);
 

@@ -14,7 +14,7 @@
 
 namespace cortshift_stereo_phantom {
 
-/// What a surface point consists of.
+/// What a surface point consists of; kRetractor stands for every instrument.
 enum class Material : unsigned char { kNone = 0, kBrain = 1, kRim = 2, kBlood = 3, kHole = 4, kRetractor = 5 };
 
 /// A value of material coordinates with its gradient.
@@ -56,6 +56,16 @@ struct RayHit {
   Material what;
 };
 
+/// Where a ray meets an instrument (brain frame).
+struct InstrumentHit {
+  double distance;             ///< along the ray, in lengths of its direction
+  Eigen::Vector2d on_surface;  ///< along and across the instrument [m]
+  Eigen::Vector3d normal;
+};
+
+class RippledFilm;
+class TissuePicture;
+
 /// A material point next to some point of space.
 struct NearestPoint {
   Eigen::Vector2d material;  ///< [m]
@@ -78,6 +88,8 @@ class PhantomScene {
   /// At the settings of a stage.
   StereoHead headOf(int stage) const;
   const cortshift_flow_phantom::CorticalTexture& texture() const { return *texture_; }
+  const TissuePicture* picture() const { return picture_.get(); }  ///< null: painted cortex
+  const RippledFilm* film() const { return film_.get(); }          ///< null: no film
 
   /// Index of a stage by name. @throws PhantomCaseError listing the names there are.
   int stageIndex(const std::string& name) const;
@@ -114,10 +126,12 @@ class PhantomScene {
   /// Whether a view sees the material point: inside the image and the first hit of its ray.
   bool isVisible(int stage, double x, double y, const View& view) const;
 
-  /// Hit of a ray (brain frame) with the stage's retractor: distance along the ray and position on the blade
-  /// (along, across) [m].
-  std::optional<std::pair<double, Eigen::Vector2d>> hitRetractor(int stage, const Eigen::Vector3d& origin_brain,
-                                                                 const Eigen::Vector3d& direction) const;
+  /// Nearest hit of a ray (brain frame) with the stage's instruments.
+  std::optional<InstrumentHit> hitInstrument(int stage, const Eigen::Vector3d& origin_brain,
+                                             const Eigen::Vector3d& direction) const;
+
+  /// Share of the lamp's light that the rods of a stage let through to a point (brain frame).
+  double lightPast(int stage, const Eigen::Vector3d& point_brain, const Eigen::Vector3d& lamp_brain) const;
 
  private:
   friend class SurfacePaint;
@@ -133,6 +147,8 @@ class PhantomScene {
   Eigen::Isometry3d T_brain_pmr_;
   Eigen::Vector3d gravity_brain_;
   std::shared_ptr<const cortshift_flow_phantom::CorticalTexture> texture_;
+  std::shared_ptr<const TissuePicture> picture_;
+  std::shared_ptr<const RippledFilm> film_;
   Outline craniotomy_;
   std::vector<Stage> stages_;
 };
