@@ -1,9 +1,12 @@
 # Python of this package: probe, preoperative MR, validation, report; and its tests.
 catkin_python_setup()
-catkin_install_python(PROGRAMS scripts/case_report scripts/digital_phantom scripts/probe scripts/register_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+catkin_install_python(PROGRAMS scripts/brain_model scripts/case_report scripts/digital_phantom scripts/prepare_model scripts/probe
+  scripts/register_mr scripts/update_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   cortshift_test(mr_admission_test pytest quick 300 FILES test/mr/admission_test.py)
+  cortshift_test(elasticity_test pytest quick 300 FILES test/model/elasticity_test.py)
+  cortshift_test(update_test pytest long 1200 FILES test/model/update_test.py)
   foreach(test texts mr/mr mr/dicom mr/cross_section probe/probe report/validation report/left_out report/report)
     get_filename_component(name ${test}_test NAME)
     cortshift_test(${name} pytest quick 300 FILES test/${test}_test.py)

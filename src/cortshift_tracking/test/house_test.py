@@ -65,7 +65,7 @@ PYTHON_ROOMS = {
     'export': {'top', 'case'},
     'console': {'top', 'case'},
     'theatre': {'top', 'case'},
-    'model': {'top', 'case', 'mr'},
+    'model': {'top', 'case', 'mr', 'probe'},
 }
 
 # Longer than MOST_LINES because one job needs it; with the job.

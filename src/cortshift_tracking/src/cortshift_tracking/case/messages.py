@@ -49,6 +49,7 @@ class Stage:
     coverage: float
     path: str = ''
     warnings: tuple = ()
+    epoch: int = 0   # of the patient registration and calibration; 0: not known
 
 
 def stage_from_messages(info, cloud, path=''):
@@ -60,7 +61,8 @@ def stage_from_messages(info, cloud, path=''):
     known = np.isfinite([position.x, position.y, position.z]).all() and info.camera_pose.orientation.w == \
         info.camera_pose.orientation.w
     return Stage(info.key, info.note, info.stamp.to_sec(), points, colour, confidence,
-                 pose_matrix(info.camera_pose) if known else None, info.coverage, path, tuple(info.warnings))
+                 pose_matrix(info.camera_pose) if known else None, info.coverage, path, tuple(info.warnings),
+                 info.epoch)
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,7 @@ class Field:
     summary: object
     strain_major: np.ndarray = None
     strain_minor: np.ndarray = None
+    uncertainty: np.ndarray = None   # (H, W) [m]: root mean square length expected of the error; None: not known
 
     @property
     def from_mr(self):
@@ -128,4 +131,4 @@ def field_from_message(message):
                  pose_matrix(message.projection), message.resolution, _vectors(arrays, 'x', 'y', 'z'), displacement,
                  arrays.get('rgb', np.full(displacement.shape, 128, np.uint8)),
                  arrays.get('confidence', np.ones(displacement.shape[:2], np.float32)), message.summary,
-                 arrays.get('strain_major'), arrays.get('strain_minor'))
+                 arrays.get('strain_major'), arrays.get('strain_minor'), arrays.get('uncertainty'))

@@ -28,11 +28,11 @@ def load_volume(path, axes='RAS', form=None, series=None, template_space=False):
     return load_dicom(path, axes, series)
 
 
-def save_nifti(volume, path):
-    """Write a Volume as NIfTI-1 (float32, RAS, mm, sform and qform with scanner code), durably."""
+def save_nifti(volume, path, kind=np.float32, level=6):
+    """Write a Volume as NIfTI-1 (RAS, mm, sform and qform with scanner code), durably. level: of the compression, 1 fast."""
     affine = np.linalg.inv(AXES_FROM_RAS[volume.axes]) @ volume.T_pmr_voxel
     affine[:3] *= 1000
-    image = nibabel.Nifti1Image(np.asarray(volume.data, np.float32), affine)
+    image = nibabel.Nifti1Image(np.asarray(volume.data, kind), affine)
     image.header.set_xyzt_units('mm')
     image.set_sform(affine, code=1)
     try:
@@ -40,4 +40,4 @@ def save_nifti(volume, path):
     except nibabel.spatialimages.HeaderDataError:  # a sheared grid has no quaternion; the sform alone tells
         image.set_qform(None, code=0)
     data = image.to_bytes()
-    write_durably(path, gzip.compress(data, 6) if str(path).endswith('.gz') else data)
+    write_durably(path, gzip.compress(data, level) if str(path).endswith('.gz') else data)

@@ -1,0 +1,121 @@
+"""A case's field through its model: what update_mr and the node brain_model both do, and when they refuse to."""
+import json
+import os
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import binary_erosion
+
+from cortshift_tracking.case.messages import MR_KEY
+from cortshift_tracking.durable import write_durably
+from cortshift_tracking.model.brain import ModelError, identity_of
+from cortshift_tracking.model.update import bin_field, update
+from cortshift_tracking.model.warp import labels_now, warped, warps_of, write_nrrd
+from cortshift_tracking.mr.reader import save_nifti
+from cortshift_tracking.mr.volume import Volume
+
+NOW_FROM_PMR = 'now_from_pmr: at each point of the preoperative MR the vector to where its tissue is now'
+PMR_FROM_NOW = 'pmr_from_now: at each point of now the vector to where its tissue was in the preoperative MR; warps the MR to now'
+
+
+@dataclass(frozen=True)
+class Updated:
+    """What came of it. summary: as in summary.json."""
+    update: object
+    mr: Volume
+    labels: Volume
+    now_from_pmr: object
+    pmr_from_now: object
+    summary: dict
+
+
+def check_mr(model, volume):
+    """Raises ModelError where the model is of another MR."""
+    if model.provenance['mr'] != identity_of(volume):
+        raise ModelError(f'the model is of another MR ({model.provenance["mr_source"]}) than {volume.source}; prepare one of this MR')
+
+
+def check_epochs(model, epochs):
+    """Raises ModelError where the stages of a field, key to epoch, are of several patient registrations, or not of the model's."""
+    known = {key: epoch for key, epoch in epochs.items() if epoch}
+    if model.provenance.get('epoch'):
+        known['of the model'] = model.provenance['epoch']
+    if len(set(known.values())) > 1:
+        told = ', '.join(f'{key}: {epoch}' for key, epoch in known.items())
+        raise ModelError(f'patient registration or calibration changed between them (epochs {told}); capture both stages in one epoch, and '
+                         'prepare the model from a stage of it')
+
+
+def update_case(model, volume, field, gravity, labels, resected=None, epochs=None):
+    """Updated of a Field. labels: name to Volume; resected: Volume, > 0.5 where tissue has gone, or None; gravity in pmr, or None."""
+    began = time.monotonic()
+    check_mr(model, volume)
+    check_epochs(model, epochs or {})
+    confidence = np.nan_to_num(field.confidence)
+    start = np.where((confidence > 0)[..., None], field.start, np.nan).reshape(-1, 3)
+    uncertainty = getattr(field, 'uncertainty', None)
+    pulls = bin_field(model, start, field.displacement.reshape(-1, 3), None if uncertainty is None else uncertainty.ravel())
+    gone = np.zeros(len(model.tissue), bool)
+    if resected is not None:
+        gone = np.nan_to_num(resected.sample(model.mesh.nodes[model.mesh.tetrahedra].mean(1))) > 0.5
+        if not gone.any():
+            raise ModelError(f'{resected.source}: the resected part holds nothing of the brain; give a volume in the space of the MR')
+    result = update(model, pulls, gravity, gone)
+    now_from_pmr, pmr_from_now = warps_of(model, result, volume)
+    moved = Volume(warped(volume, pmr_from_now), volume.T_pmr_voxel, volume.axes, volume.source)
+    now_labels = labels_now(model, volume, pmr_from_now, labels)
+    warnings = list(result.warnings)
+    if field.from_key != MR_KEY:
+        warnings.append(f'the field begins at stage "{field.from_key}": what the brain moved from the MR until then is not in it')
+    if now_from_pmr.least_stretch() <= 0 or pmr_from_now.least_stretch() <= 0:
+        warnings.append('the warp folds somewhere: the motion is too large or too uneven for the model')
+    length = np.linalg.norm(result.displacement, axis=1) * 1000
+    summary = {'from_key': field.from_key, 'to_key': field.to_key, 'seconds': round(time.monotonic() - began, 3),
+               'drained_fraction': _number(result.drained), 'swelling': _number(result.swelling),
+               'residual_at_surface_mm': _number(result.residual * 1000), 'largest_displacement_mm': _number(length.max()),
+               'resected_mm3': _number(model.mesh.volumes[gone].sum() * 1e9), 'skull_patches_pressing': _number(result.pressing),
+               'labels': {name: {'value': number, **moved_label(model, result, label)} for number, (name, label) in enumerate(labels.items(), 1)},
+               'warnings': warnings, 'model': model.provenance}
+    return Updated(result, moved, now_labels, now_from_pmr, pmr_from_now, summary)
+
+
+def _number(value):
+    return None if not np.isfinite(value) else round(float(value), 4)
+
+
+def located(model, result, points):
+    """Where points (N, 3) of the MR are now, their standard deviation [m], and whether they are in the model."""
+    tetrahedron, weights = model.places(points)
+    known = tetrahedron >= 0
+    nodes = model.mesh.tetrahedra[np.where(known, tetrahedron, 0)]
+    now = points + np.einsum('nc,ncj->nj', weights, result.displacement[nodes])
+    sd = (weights * result.sd[nodes]).sum(1)
+    known &= ~result.resected[np.where(known, tetrahedron, 0)]
+    return np.where(known[:, None], now, np.nan), np.where(known, sd, np.nan), known
+
+
+def moved_label(model, result, label, most=4000):
+    """Shift of a labelled structure's centre and border [mm], each with its standard deviation."""
+    inside = label.data > 0.5
+    voxels = np.argwhere(inside)
+    border = np.argwhere(inside & ~binary_erosion(inside))
+    told = {}
+    for name, chosen in (('centre', voxels), ('border', border)):
+        points = label.to_pmr(chosen[::max(1, len(chosen) // most)])
+        now, sd, known = located(model, result, points)
+        if known.any():
+            shift = now[known] - points[known]
+            told[f'{name}_shift_mm'] = _number(np.linalg.norm(shift.mean(0) if name == 'centre' else shift, axis=-1).mean() * 1000)
+            told[f'{name}_sd_mm'] = _number(np.sqrt((sd[known] ** 2).mean()) * 1000)
+    return told
+
+
+def write_update(updated, folder):
+    """The files of the contract, each durably."""
+    os.makedirs(folder, exist_ok=True)
+    save_nifti(updated.mr, os.path.join(folder, 'updated_mr.nii.gz'), level=1)
+    save_nifti(updated.labels, os.path.join(folder, 'labels_now.nii.gz'), np.uint8, level=1)
+    write_nrrd(updated.now_from_pmr, os.path.join(folder, 'now_from_pmr.nrrd'), NOW_FROM_PMR)
+    write_nrrd(updated.pmr_from_now, os.path.join(folder, 'pmr_from_now.nrrd'), PMR_FROM_NOW)
+    write_durably(os.path.join(folder, 'summary.json'), json.dumps(updated.summary, indent=1) + '\n')

@@ -1,0 +1,126 @@
+"""The node brain_model: the update and its questions, around case_update.py."""
+import os
+import threading
+import time
+
+import numpy as np
+import rospy
+from cortshift_msgs.msg import DisplacementField
+from cortshift_msgs.srv import ListStages, Locate, LocateResponse, UpdateModel, UpdateModelResponse
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point
+
+from cortshift_tracking.case.folder import gravity_of
+from cortshift_tracking.case.messages import MR_KEY, field_from_message
+from cortshift_tracking.errors import CortshiftError
+from cortshift_tracking.model.brain import ModelError, load_model
+from cortshift_tracking.model.case_update import check_mr, located, update_case, write_update
+from cortshift_tracking.mr.admission import MrSource, admit_mr
+from cortshift_tracking.parameters import ParameterError, read_parameters
+from cortshift_tracking.probe.store import read_points
+
+PARAMETERS = {
+    'mr': '',                        # the MR that the model is of, where it is not where it was
+    'output': '',                    # folder for the files of each update; '': brain_model in the case
+    'gravity': [0.0, 0.0, 0.0],      # direction in pmr where the probe has not digitised it; zeros: not known
+}
+
+
+class BrainModelNode:
+    """Services ~update, ~locate; see the .srv files.
+
+    Parameters   case (text, required): folder of the case; model (text, required): file of prepare_model; PARAMETERS above
+    Subscribes   shift/field (the fields that ~update can take)
+    Calls        shift_tracker/list_stages (the epochs of the field's stages)
+    Publishes    /diagnostics
+    """
+
+    def __init__(self):
+        self._values = read_parameters(PARAMETERS, required=('case', 'model'))
+        self._model = load_model(self._values['model'])
+        source = self._values['mr'] or self._model.provenance['mr_source']
+        self._volume = admit_mr(MrSource(source, self._model.provenance['axes']), [])
+        check_mr(self._model, self._volume)
+        self._lock, self._fields, self._updated = threading.Lock(), {}, None
+        self._state = 'no update yet'
+        rospy.Subscriber('shift/field', DisplacementField, self._keep, queue_size=5)
+        self._diagnostics = rospy.Publisher('/diagnostics', DiagnosticArray, queue_size=5)
+        rospy.Service('~update', UpdateModel, self._update)
+        rospy.Service('~locate', Locate, self._locate)
+        threading.Thread(target=self._report, daemon=True).start()
+
+    def _keep(self, message):
+        if message.to_key:   # those of the live mode belong to no stage
+            self._fields[message.from_key, message.to_key] = message
+
+    def _update(self, request):
+        began = time.monotonic()
+        name = f'{request.from_key} -> {request.to_key}'
+        try:
+            with self._lock:
+                message = self._fields.get((request.from_key, request.to_key))
+                if message is None:
+                    there = ', '.join(f'{a} -> {b}' for a, b in self._fields) or 'none'
+                    raise ModelError(f'no field {name} was published; compute it with shift_tracker/compute_shift. There are: {there}')
+                updated = update_case(self._model, self._volume, field_from_message(message), self._gravity(), self._model.labels,
+                                      epochs=self._epochs(request))
+                folder = self._values['output'] or os.path.join(self._values['case'], 'brain_model')
+                folder = os.path.join(folder, f'{request.from_key}__{request.to_key}')
+                write_update(updated, folder)
+                self._updated = updated
+        except (CortshiftError, OSError) as error:
+            self._state = f'{name} not updated: {error}'
+            rospy.logwarn(self._state)
+            return UpdateModelResponse(False, self._state, time.monotonic() - began)
+        warnings = ''.join(f'; warning: {text}' for text in updated.summary['warnings'])
+        self._state = f'{name} updated, largest displacement {updated.summary["largest_displacement_mm"]:.1f} mm, files in {folder}{warnings}'
+        rospy.loginfo(self._state)
+        return UpdateModelResponse(True, self._state, time.monotonic() - began)
+
+    def _epochs(self, request):
+        """Key to epoch of the request's stages. Raises ModelError where shift_tracker does not say them."""
+        keys = [key for key in (request.from_key, request.to_key) if key != MR_KEY]
+        try:
+            rospy.wait_for_service('shift_tracker/list_stages', timeout=2.0)
+            stages = rospy.ServiceProxy('shift_tracker/list_stages', ListStages)().stages
+        except (rospy.ROSException, rospy.ServiceException) as error:
+            raise ModelError(f'shift_tracker does not answer ({error}), so the epochs of the stages cannot be checked; start it') from error
+        return {stage.key: stage.epoch for stage in stages if stage.key in keys}
+
+    def _gravity(self):
+        measured = gravity_of(read_points(self._values['case']))
+        given = np.array(self._values['gravity'])
+        if measured is not None or not given.any():
+            return measured
+        return given / np.linalg.norm(given)
+
+    def _locate(self, request):
+        points = np.array([[p.x, p.y, p.z] for p in request.pmr]).reshape(-1, 3)
+        updated = self._updated
+        if updated is None or not len(points):
+            nothing = float('nan')
+            return LocateResponse([Point(nothing, nothing, nothing)] * len(points), [nothing] * len(points), [0] * len(points))
+        now, sd, known = located(self._model, updated.update, np.where(np.isfinite(points), points, 1e3))
+        return LocateResponse([Point(*place) for place in now], sd.tolist(), known.astype(np.uint8).tolist())
+
+    def _report(self):
+        while not rospy.is_shutdown():
+            level = DiagnosticStatus.OK if self._updated is not None else DiagnosticStatus.WARN
+            status = DiagnosticStatus(level=level, name='brain_model: state', hardware_id='brain_model', message=self._state,
+                                      values=[KeyValue('model', self._values['model'])])
+            array = DiagnosticArray(status=[status])
+            array.header.stamp = rospy.Time.now()
+            self._diagnostics.publish(array)
+            time.sleep(1.0)
+
+
+def main():
+    rospy.init_node('brain_model')
+    try:
+        node = BrainModelNode()
+    except (ParameterError, CortshiftError, OSError) as error:
+        rospy.logfatal('brain_model does not start: %s', error)
+        return 1
+    rospy.spin()
+    del node
+    return 0

@@ -1,0 +1,257 @@
+"""From the MR to the updated MR on a small head: what the model is told comes out again, and what cannot be is refused with its reason."""
+import json
+import os
+import subprocess
+import sys
+
+import model_head as head
+import nibabel
+import numpy as np
+import pytest
+from cortshift_tracking.case.messages import Field
+from cortshift_tracking.model.brain import ModelError, load_model, save_model
+from cortshift_tracking.model.case_update import located, update_case, write_update
+from cortshift_tracking.model.mesh import quality
+from cortshift_tracking.model.prepare import ModelSettings, check_mask, prepare_model
+from cortshift_tracking.model.update import bin_field, update
+from cortshift_tracking.mr.reader import save_nifti
+from cortshift_tracking.mr.volume import Volume
+
+DOWN = -head.OUTWARD
+SETTINGS = ModelSettings(elements=8000, samples=24)
+
+
+def field_of(points, displacement, frame=np.eye(3), from_key='pmr', confidence=0.9):
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = frame, head.CRANIOTOMY
+    valid = np.isfinite(points[..., 0])
+    return Field(from_key, 'after', 1.0, 2.0, T, 0.0005, points, np.where(valid[..., None], displacement, np.nan),
+                 np.full(points.shape, 128, np.uint8), np.where(valid, confidence, np.nan), None)
+
+
+@pytest.fixture(scope='module', params=[('RAS', 0.0), ('LPS', 0.3)], ids=['RAS', 'LPS oblique'])
+def made(request):
+    axes, oblique = request.param
+    mr, brain, tumour = head.volumes(oblique=oblique, axes=axes)
+    turn = np.diag([-1.0, -1.0, 1.0]) if axes == 'LPS' else np.eye(3)
+    points, frame = head.surface_grid()
+    model = prepare_model(mr, brain, turn @ head.CRANIOTOMY, (points[np.isfinite(points[..., 0])] @ turn), {'tumour': tumour}, SETTINGS)
+    field = field_of(points @ turn, head.sag(points) @ turn, turn @ frame)
+    return model, mr, field, turn
+
+
+@pytest.fixture(scope='module')
+def updated(made):
+    model, mr, field, turn = made
+    return update_case(model, mr, field, turn @ DOWN, model.labels)
+
+
+def test_the_mesh_is_sound(made):
+    mesh = made[0].mesh
+    assert quality(mesh.nodes, mesh.tetrahedra).min() > 0.05
+    exact = 4 / 3 * np.pi * head.RADII.prod()
+    assert abs(mesh.volumes.sum() / exact - 1) < 0.03
+    near = np.linalg.norm(mesh.nodes[mesh.tetrahedra].mean(1) - made[0].craniotomy, axis=1)
+    assert np.median(mesh.volumes[near < 0.02]) < 0.4 * np.median(mesh.volumes[near > 0.08])
+
+
+def test_the_surface_goes_where_it_was_measured(made, updated):
+    model, _, field, _ = made
+    start = field.start[field.valid]
+    inward = start + 0.0005 * (-start / np.linalg.norm(start, axis=1, keepdims=True))
+    now, _, known = located(model, updated.update, inward)
+    error = np.linalg.norm(now - inward - field.displacement[field.valid], axis=1)[known]
+    assert known.mean() > 0.7
+    assert np.median(error) < 0.0004
+    assert np.percentile(error, 95) < 0.0010
+
+
+def test_uncertain_vectors_pull_less(made):
+    model, _, field, turn = made
+    start, moved = (values[field.valid] for values in (field.start, field.displacement))
+    wrong = moved.copy()
+    half = (start - model.craniotomy) @ turn @ [1, 0, 0] > 0
+    wrong[half] += 0.003 * (turn @ head.OUTWARD)
+    residual = {}
+    for name, sd in (('trusted', 0.0003), ('doubted', 0.005)):
+        pulls = bin_field(model, start, wrong, np.where(half, sd, 0.0003))
+        result = update(model, pulls, turn @ DOWN)
+        place = start[half][::7] * 0.99
+        now, _, known = located(model, result, place)
+        residual[name] = np.median(np.linalg.norm(now - place - moved[half][::7], axis=1)[known])
+    assert residual['doubted'] < 0.75 * residual['trusted']
+
+
+def test_the_standard_deviation_grows_away_from_the_data(made, updated):
+    model, _, _, turn = made
+    depth = np.array([0.004, 0.02, 0.04])
+    points = model.craniotomy + depth[:, None] * (turn @ DOWN)
+    _, sd, known = located(model, updated.update, points)
+    assert known.all()
+    assert sd[0] < sd[1] and sd[0] < 0.7 * sd[2]
+
+
+def test_nothing_leaves_the_skull_but_at_the_craniotomy(made, updated):
+    model, _, _, turn = made
+    border = np.setdiff1d(np.unique(model.mesh.border), model.zone)
+    now = (model.mesh.nodes + updated.update.displacement)[border] @ turn
+    assert ((now / head.RADII) ** 2).sum(1).max() ** 0.5 < 1 + 0.0015 / head.RADII.min()
+
+
+def test_no_element_and_no_voxel_is_folded(made, updated):
+    mesh = made[0].mesh
+    assert quality(mesh.nodes + updated.update.displacement, mesh.tetrahedra).min() > 0
+    assert updated.now_from_pmr.least_stretch() > 0
+    assert updated.pmr_from_now.least_stretch() > 0
+
+
+def test_resected_tissue_is_out(made):
+    model, mr, field, turn = made
+    updated = update_case(model, mr, field, turn @ DOWN, model.labels, resected=model.labels['tumour'])
+    assert updated.summary['resected_mm3'] == pytest.approx(4 / 3 * np.pi * head.TUMOUR_RADIUS ** 3 * 1e9, rel=0.25)
+    _, _, known = located(model, updated.update, (turn @ head.TUMOUR)[None])
+    assert not known[0]
+
+
+def test_woodbury_is_the_model_without_those_elements(made):
+    """The same vectors and loads in a model that never had them."""
+    from cortshift_tracking.model.elasticity import stiffness
+    from cortshift_tracking.model.update import UpdateSettings, _Condensed
+    model = made[0]
+    resected = model.tissue == 1
+    known = _Condensed(model, [], None, resected, UpdateSettings())
+    force = np.zeros((len(known.compliance), 1))
+    force[2] = 1e-3
+    found = known.everywhere(force)[:, 0]
+    whole = known.model.factor.solve(_full(model, force))
+    # The residual of the changed stiffness: K u - gone u = f.
+    nodes = np.unique(model.mesh.tetrahedra[resected])
+    number = np.full(len(model.mesh.nodes), -1)
+    number[nodes] = np.arange(len(nodes))
+    gone = 0.999 * stiffness(model.mesh.nodes[nodes], number[model.mesh.tetrahedra[resected]], model.lame[resected])
+    dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
+    back = np.zeros(len(found))
+    back[dofs] = gone @ found[dofs]
+    assert np.allclose(found - known.model.factor.solve(back), whole[:, 0], atol=1e-9 * np.abs(found).max() + 1e-12, rtol=1e-6)
+    assert not np.allclose(found, whole[:, 0], rtol=1e-3)
+
+
+def _full(model, force):
+    full = np.zeros((3 * len(model.mesh.nodes), 1))
+    full[(3 * model.zone[:, None] + np.arange(3)).ravel()] = force[:3 * len(model.zone)]
+    return full
+
+
+def test_files_are_what_was_said(made, updated, tmp_path):
+    write_update(updated, str(tmp_path))
+    assert {name.name for name in tmp_path.iterdir()} == {'updated_mr.nii.gz', 'labels_now.nii.gz', 'now_from_pmr.nrrd', 'pmr_from_now.nrrd',
+                                                          'summary.json'}
+    summary = json.loads((tmp_path / 'summary.json').read_text())
+    assert summary['labels']['tumour']['value'] == 1
+    assert 0 < summary['labels']['tumour']['centre_shift_mm'] < 9
+    header = (tmp_path / 'pmr_from_now.nrrd').read_bytes().split(b'\n\n')[0].decode()
+    assert 'pmr_from_now' in header and 'left-posterior-superior' in header
+
+
+def test_plastimatch_warps_the_mr_to_the_same(made, updated, tmp_path):
+    """An independent program, with ITK's conventions, and both directions."""
+    _, mr, _, _ = made
+    write_update(updated, str(tmp_path))
+    save_nifti(mr, str(tmp_path / 'mr.nii'))
+    warp = ['plastimatch', 'warp', '--fixed', 'mr.nii', '--output-type', 'float']
+    for source, field, out in (('mr.nii', 'pmr_from_now.nrrd', 'there.nii'), ('updated_mr.nii.gz', 'now_from_pmr.nrrd', 'back.nii')):
+        done = subprocess.run([*warp, '--input', source, '--xf', field, '--output-img', out], cwd=str(tmp_path), capture_output=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+    ours = nibabel.load(str(tmp_path / 'updated_mr.nii.gz')).get_fdata()
+    theirs = nibabel.load(str(tmp_path / 'there.nii')).get_fdata()
+    inner = tuple(slice(4, -4) for _ in range(3))
+    moved = np.abs(ours - mr.data)[inner] > 5
+    assert moved.sum() > 500
+    assert np.percentile(np.abs(ours - theirs)[inner], 99.9) < 1.5   # of about 130
+    assert np.abs(ours - theirs)[inner][moved].mean() < 0.01 * np.ptp(mr.data)
+    back = nibabel.load(str(tmp_path / 'back.nii')).get_fdata()
+    brain = np.linalg.norm(made[1].to_pmr(np.argwhere(np.ones(mr.data.shape))) @ made[3] / head.RADII, axis=1).reshape(mr.data.shape) < 0.85
+    assert np.abs(back - mr.data)[brain].mean() < 0.3 * np.abs(ours - mr.data)[brain & (np.abs(ours - mr.data) > 1)].mean()
+
+
+def test_both_directions_belong_together(made, updated):
+    points = made[0].mesh.nodes[::37]
+    inner = ((points @ made[3] / head.RADII) ** 2).sum(1) < 0.8
+    there = points[inner] + updated.now_from_pmr.at(points[inner])
+    back = there + updated.pmr_from_now.at(there)
+    assert np.percentile(np.linalg.norm(back - points[inner], axis=1), 95) < 0.00015
+
+
+def test_a_model_survives_its_file(made, updated, tmp_path):
+    model, _, field, turn = made
+    save_model(model, str(tmp_path / 'model.npz'))
+    again = load_model(str(tmp_path / 'model.npz'))
+    start, moved = (values[field.valid] for values in (field.start, field.displacement))
+    result = update(again, bin_field(again, start, moved, None), turn @ DOWN)
+    assert np.abs(result.displacement - updated.update.displacement).max() < 1e-6
+    assert (again.labels['tumour'].data == model.labels['tumour'].data).all() and again.provenance == model.provenance
+
+
+# ---- refusals -------------------------------------------------------------------------------------------------------------
+
+def test_a_mask_of_two_parts_is_refused():
+    _, brain, _ = head.volumes()
+    data = brain.data.copy()
+    data[data.shape[0] // 2 - 2:data.shape[0] // 2 + 2] = 0
+    with pytest.raises(ModelError, match='brain.nii: the brain mask has 2 parts .* a brain is one: correct the mask'):
+        check_mask(Volume(data, brain.T_pmr_voxel, 'RAS', 'brain.nii'))
+
+
+def test_a_field_off_the_model_is_refused(made):
+    model, mr, field, turn = made
+    off = field_of(field.start + turn @ [0, 0.06, -0.02], field.displacement)
+    with pytest.raises(ModelError, match="of the field lies within 10 mm of the model's surface .* of another craniotomy"):
+        update_case(model, mr, off, None, {})
+
+
+def test_a_model_of_another_mr_is_refused(made):
+    model, mr, field, _ = made
+    other = Volume(mr.data + 1, mr.T_pmr_voxel, mr.axes, 'other.nii')
+    with pytest.raises(ModelError, match=r'the model is of another MR \(mr.nii\) than other.nii; prepare one of this MR'):
+        update_case(model, other, field, None, {})
+
+
+def test_an_epoch_that_differs_is_refused(made):
+    model, mr, field, _ = made
+    with pytest.raises(ModelError, match=r'changed between them \(epochs before: 1, after: 2\); capture both stages in one epoch'):
+        update_case(model, mr, field, None, {}, epochs={'before': 1, 'after': 2})
+
+
+def test_a_craniotomy_away_from_the_brain_is_refused():
+    mr, brain, _ = head.volumes()
+    with pytest.raises(ModelError, match='the craniotomy lies .* mm from the border of the brain; check the patient registration'):
+        prepare_model(mr, brain, 1.6 * head.CRANIOTOMY, settings=SETTINGS)
+
+
+def test_a_damaged_file_is_refused(tmp_path):
+    (tmp_path / 'model.npz').write_bytes(b'PK\x03\x04 nothing')
+    with pytest.raises(ModelError, match='is no brain model, or is damaged'):
+        load_model(str(tmp_path / 'model.npz'))
+    with pytest.raises(ModelError, match='no such file; make it with prepare_model'):
+        load_model(str(tmp_path / 'none.npz'))
+
+
+def test_tools_refuse_and_work(tmp_path):
+    """The command lines, end to end: no MR, then prepared; no field there."""
+    scripts = os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', '..', 'scripts')
+    mr, brain, tumour = head.volumes(step=0.003)
+    for volume, name in ((mr, 'mr.nii'), (brain, 'brain.nii'), (tumour, 'tumour.nii')):
+        save_nifti(volume, str(tmp_path / name))
+
+    def run(tool, *arguments):
+        return subprocess.run([sys.executable, os.path.join(scripts, tool), *arguments], cwd=str(tmp_path), capture_output=True, text=True)
+    middle = [f'{1000 * value:.2f}' for value in head.CRANIOTOMY]
+    done = run('prepare_model', '.', '--output', 'model.npz', '--craniotomy', *middle)
+    assert done.returncode == 1 and 'no MR given; a brain model is made from the preoperative MR' in done.stderr
+    done = run('prepare_model', '.', '--mr', 'mr.nii', '--brain', 'brain.nii', '--label', 'tumour=tumour.nii', '--output', 'model.npz',
+               '--craniotomy', *middle, '--elements', '6000')
+    assert done.returncode == 0, done.stderr
+    done = run('update_mr', '.', '--model', 'model.npz', '--shift', 'before', '--output', 'out')
+    assert done.returncode == 1 and 'give FROM:TO, two keys' in done.stderr
+    done = run('update_mr', '.', '--model', 'model.npz', '--shift', 'before:after', '--output', 'out')
+    assert done.returncode == 1 and 'holds no stage' in done.stderr
