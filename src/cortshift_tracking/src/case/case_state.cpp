@@ -202,7 +202,7 @@ CaseState::Content& CaseState::content() const {
     set_aside_ += " and set aside as " + moveAside(folder_, path_).string();
   } catch (const TrackingError&) {  // a read-only folder: naming the file is all that can be done
   }
-  set_aside_ += "; give gravity, excluded regions and outlines again";
+  set_aside_ += "; give gravity and excluded regions again, and outlines that were drawn";
   ROS_ERROR_STREAM(set_aside_);
   return content_.emplace();
 }

@@ -56,7 +56,7 @@ class PhantomSurround : public testing::Test {
   }
 
   static cortshift_tracking_phantom::FieldError errorOf(const ShiftResult& result) {
-    return compareWithTruth(result.field, *scene_, 0, scene_->stageIndex(kLater), 2);
+    return cortshift_tracking_phantom::compareWithTruth(result.field, *scene_, 0, scene_->stageIndex(kLater), 5);
   }
 
   static std::shared_ptr<const PhantomScene> scene_;
@@ -77,23 +77,21 @@ TEST_F(PhantomSurround, ExactTrackingLeavesEveryBitOfTheFieldAsItWas) {
 }
 
 TEST_F(PhantomSurround, DriftsAreTakenOutAndTheUncertaintySaysSo) {
-  const double turns[] = {0.1, 0.25, 0.4};  // [degrees]
-  for (int i = 0; i < 3; ++i) {
+  const double ways[] = {0.0005, 0.0015}, turns[] = {0.1, 0.4};  // [m], [degrees]
+  for (int i = 0; i < 2; ++i) {
     const Eigen::Vector3d middle = scene_->pointAt(0, 0, 0),
-                          way = 0.0005 * (i + 1) * Eigen::Vector3d(1, -1 + i, 0.5 - i).normalized();
+                          way = ways[i] * Eigen::Vector3d(1, i, 0.5 - 2 * i).normalized();
     const Eigen::Isometry3d drift =
         Eigen::Translation3d(middle + way) *
-        Eigen::AngleAxisd(turns[i] * M_PI / 180, Eigen::Vector3d(i - 1, 1, -0.5 * i).normalized()) *
+        Eigen::AngleAxisd(turns[i] * M_PI / 180, Eigen::Vector3d(i - 1, 1, -i).normalized()) *
         Eigen::Translation3d(-middle);
     const ShiftResult result = shiftUnder(drift);
     ASSERT_TRUE(result.summary.correction) << result.summary.surround;
-    const auto error = errorOf(result), before = errorOf(shiftUnder(drift, SurroundMode::kOff));
-    std::printf("%s: median %.3f, 95 %% %.3f mm, uncorrected %.3f, %.3f; common %.3f\n",
-                result.summary.surround.c_str(), 1e3 * error.median, 1e3 * error.p95, 1e3 * before.median,
-                1e3 * before.p95, 1e3 * result.summary.common_sd);
-    EXPECT_LT(error.median, 0.00012);
+    const auto error = errorOf(result);
+    std::printf("%s: median %.3f, 95 %% %.3f mm; common %.3f\n", result.summary.surround.c_str(), 1e3 * error.median,
+                1e3 * error.p95, 1e3 * result.summary.common_sd);
+    EXPECT_LT(error.median, 0.00012);  // without the correction it is the drift, 0.5 mm at least
     EXPECT_LT(error.p95, 0.00035);
-    EXPECT_GT(before.median, 0.0004);
     EXPECT_LT((result.summary.correction->transform_pmr * middle - drift * middle).norm(),
               3 * result.summary.common_sd + 0.00001);
     EXPECT_GE(result.summary.budget.size(), 3u);
