@@ -12,6 +12,14 @@ install(TARGETS ${PROJECT_NAME}_recording record_parts
 
 catkin_install_python(PROGRAMS scripts/case_recorder scripts/console scripts/play_case scripts/preflight
   DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+# How others call the services (doc/calling.md).
+add_executable(first_shift examples/first_shift.cpp)
+target_include_directories(first_shift SYSTEM PRIVATE ${catkin_INCLUDE_DIRS})
+target_link_libraries(first_shift ${catkin_LIBRARIES})
+add_dependencies(first_shift ${catkin_EXPORTED_TARGETS})
+install(TARGETS first_shift RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+catkin_install_python(PROGRAMS examples/first_shift.py DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   cortshift_test(recording_test gmock quick 60 FILES test/ros/recording/recording_test.cpp LIBRARIES ${PROJECT_NAME}_recording)

@@ -27,4 +27,9 @@ std::filesystem::path runPath(const std::string& name) {
          (name + "-" + masterRun() + space);
 }
 
+std::string statusName(const std::string& name) {
+  const std::string space = ros::this_node::getNamespace();
+  return space == "/" || space.empty() ? name : space.substr(1) + "/" + name;
+}
+
 }  // namespace cortshift_tracking

@@ -2,6 +2,7 @@
 """Two phantom graphs in two namespaces under one master: each has its own stages and fields, and nothing is heard outside."""
 import os
 import shutil
+import subprocess
 import sys
 import unittest
 
@@ -41,8 +42,22 @@ class TwoGraphs(unittest.TestCase):
         self.assertTrue(field_arrays(fields['/or1'])[0].size)
         self.diagnostics.wait_for('or1/shift_tracker: state', live='off')
         self.diagnostics.wait_for('or2/shift_tracker: state', live='off')
+        self.programs_of_others()
         outside = {name for name, _ in rospy.get_published_topics() if not name.startswith(('/or1/', '/or2/'))}
         self.assertLessEqual(outside, GLOBAL)
+
+    def programs_of_others(self):
+        """The examples, each in the graph that it is told."""
+        for program, space, key in (('first_shift', '/or1', 'cpp'), ('first_shift.py', '/or2', 'py')):
+            earlier = {'/or1': 'first', '/or2': 'second'}[space]
+            done = subprocess.run(['rosrun', 'cortshift_tracking', program, earlier, key], env={**os.environ, 'ROS_NAMESPACE': space},
+                                  capture_output=True, text=True, check=False)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertRegex(done.stdout, r'^\d+\.\d\d mm over \d+ %')
+            again = subprocess.run(['rosrun', 'cortshift_tracking', program, earlier, key], env={**os.environ, 'ROS_NAMESPACE': space},
+                                   capture_output=True, text=True, check=False)
+            self.assertEqual(again.returncode, 1)
+            self.assertIn(f"refused: stage '{key}' exists already", again.stderr)
 
     @classmethod
     def tearDownClass(cls):

@@ -1,4 +1,4 @@
-"""Every command of the README stands there as it works: what it names exists, and knows the options that it is given."""
+"""Every command of the README and of doc/ stands there as it works: what it names exists, and knows the options that it is given."""
 import pathlib
 import re
 import shlex
@@ -14,12 +14,14 @@ from roslib.packages import find_node
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 BLOCK = re.compile(r'^```sh\n(.*?)^```', re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r'`((?:roslaunch|rosrun|rosservice call|script/)[^`]*)`')
-#: Services that the README calls, with their types: the graph that has them does not run here.
-SERVICES = {'/shift_tracker/capture_stage': 'CaptureStage', '/shift_tracker/compute_shift': 'ComputeShift'}
+DOCUMENTS = [ROOT / 'README.md', *sorted((ROOT / 'doc').glob('*.md'))]
+#: Services that they call, with their types: the graph that has them does not run here.
+SERVICES = {'/shift_tracker/capture_stage': 'CaptureStage', '/shift_tracker/compute_shift': 'ComputeShift',
+            '/stereo_driver/set_stage': 'SetPhantomStage'}
 
 
 def commands():
-    text = (ROOT / 'README.md').read_text(encoding='utf-8').replace('\\\n', ' ')   # a line that goes on below
+    text = '\n'.join(path.read_text(encoding='utf-8') for path in DOCUMENTS).replace('\\\n', ' ')   # a line that goes on below
     lines = [line.split(' #')[0].strip() for block in BLOCK.findall(text) for line in block.splitlines()]
     return sorted({line for line in lines + [line.strip() for line in INLINE.findall(text)] if line and not line.startswith('#')})
 

@@ -1,4 +1,4 @@
-// What a node that is started again under the same master finds again, and another launch does not.
+// What is one graph's own: where it keeps what a node that is started again finds again, and the names of its statuses.
 #pragma once
 
 #include <filesystem>
@@ -11,5 +11,8 @@ std::string masterRun();
 
 /// ~/.ros/cortshift/NAME-RUN (or below ROS_HOME), one for each master and namespace. @throws TrackingError
 std::filesystem::path runPath(const std::string& name);
+
+/// Name of a status on /diagnostics, which all graphs share: "NODE: WHAT", or "or1/NODE: WHAT" where the graph is in /or1.
+std::string statusName(const std::string& name);
 
 }  // namespace cortshift_tracking

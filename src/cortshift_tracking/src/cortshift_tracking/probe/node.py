@@ -228,7 +228,7 @@ class ProbeNode:
             tracked = count != seen
             seen = count
             status = DiagnosticStatus(level=DiagnosticStatus.WARN if self._store.set_aside else DiagnosticStatus.OK,
-                                      name='probe: tip', hardware_id='probe',
+                                      name=rospy.get_name()[1:] + ': tip', hardware_id='probe',
                                       message=self._store.set_aside or ('tip tracked' if tracked else 'tip not in view'),
                                       values=[KeyValue('points', str(len(self._store.points))),
                                               KeyValue('last answer', self._last_message)])

@@ -6,6 +6,7 @@
 
 #include "cortshift_stereo/ros/shifted_time.hpp"
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/ros/run_folder.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -174,6 +175,7 @@ void Health::publish() const {
   message.status = {stagesStatus(case_.store, activity_.report()), surfacesStatus(feed_),
                     poseStatus(placement_.watch, max_pose_gap_, max_speed_), caseStatus(case_.store),
                     stateStatus(case_, live_.report())};
+  for (DiagnosticStatus& status : message.status) status.name = statusName(status.name);
   publisher_.publish(message);
 }
 

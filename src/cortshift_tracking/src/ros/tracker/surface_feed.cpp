@@ -8,6 +8,7 @@
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_stereo/ros/pose_tree.hpp"
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/ros/run_folder.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -72,7 +73,7 @@ std::string SurfaceFeed::reconstructionParameters() const {
 
 void SurfaceFeed::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
   for (const diagnostic_msgs::DiagnosticStatus& status : message->status) {
-    if (status.name != kReconstructionStatus) continue;
+    if (status.name != statusName(kReconstructionStatus)) continue;
     const std::lock_guard<std::mutex> guard(mutex_);
     reconstruction_ = status.message;
     for (const diagnostic_msgs::KeyValue& value : status.values) {
