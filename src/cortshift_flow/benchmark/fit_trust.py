@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Fits what the flow's confidence makes of its evidence, or prints how reliable it is. script/fit_trust and script/benchmark flow trust
+"""Fits what the confidence of the flow's preset "judged" makes of its evidence, or prints how reliable it is. script/fit_trust and script/benchmark flow trust
 run it.
 
 usage: fit_trust.py fit TOOLS HEADER [SET]     fits on SET (default fit), writes HEADER, prints figures of that set
@@ -70,7 +70,7 @@ def fit(tools, header, which):
         all_cues, error, weight = (np.concatenate(parts[kind]) for parts in (cues, errors, weights))
         weight *= len(weight) / weight.sum()
         models.append(trust_model.fit(all_cues, (error > trust_model.WRONG).astype(float), weight))
-        figures = trust_model.figures(trust_model.probability_of_wrong(all_cues, models[-1]), error)
+        figures = trust_model.figures(trust_model.doubt(trust_model.probability_of_wrong(all_cues, models[-1])), error)
         print(f'fit {kind}: {len(error)} vectors; ' + ', '.join(f'{key} {100 * value:.2f} %' for key, value in figures.items()))
     header.write_text(trust_model.header(models, names, f'Fitted on the set "{which}" of benchmark/trust_pairs.py: {count} pairs.'))
 
@@ -92,10 +92,11 @@ def report(tools, folder):
     def judge(pair):
         kind, first, second, flow = pair
         with tempfile.TemporaryDirectory() as place:
-            paths = [str(pathlib.Path(place) / name) for name in ('first.png', 'second.png', 'out.flo', 'confidence.png')]
+            paths = [str(pathlib.Path(place) / name) for name in ('first.png', 'second.png', 'out.flo', 'confidence.png', 'settings.yaml')]
+            pathlib.Path(paths[4]).write_text('preset: judged\n', encoding='utf-8')
             for path, image in zip(paths, (first, second)):
                 cv2.imwrite(path, image)
-            subprocess.run([str(tools / 'flow_pair'), *paths[:3], '--confidence', paths[3], '--threads', '1'], check=True,
+            subprocess.run([str(tools / 'flow_pair'), *paths[:3], '--confidence', paths[3], '--settings', paths[4], '--threads', '1'], check=True,
                            stdout=subprocess.DEVNULL)
             error = np.hypot(*np.moveaxis(trust_pairs.read_flow(paths[2]) - flow, -1, 0))
             known = np.isfinite(error)

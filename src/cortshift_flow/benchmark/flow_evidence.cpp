@@ -38,7 +38,7 @@ void write(std::ofstream& out, const Told& told) {
 void run(char** argv) {
   const cv::Mat first = cv::imread(argv[1]), second = cv::imread(argv[2]);
   checkImages(first, second, {}, {});
-  FlowSettings settings;
+  FlowSettings settings = FlowSettings::preset("judged");
   settings.most_unsure = 0;
   std::vector<Told> told;
   estimateFlow(prepareImages(first, second, {}, {}, 1), settings, 1, &told);

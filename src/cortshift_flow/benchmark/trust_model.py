@@ -2,6 +2,7 @@
 import numpy as np
 
 WRONG = 0.25     # the model gives the probability that a vector is off by more than this [px]
+DOUBT = np.e - 1  # an error of root mean square 0.25 px (Rayleigh) exceeds it with odds of 1 / (e - 1): confidence one half
 KNOT_SHARES = (0.5, 0.9)   # the slope over a cue may change at these quantiles of it
 RIDGE = 1e-3     # of the standardised slopes, for each vector
 
@@ -45,6 +46,12 @@ def probability_of_wrong(cues, model):
     return 1 / (1 + np.exp(-np.clip(design(cues, knots) @ beta, -9, 9)))
 
 
+def doubt(probability):
+    """1 - confidence."""
+    odds = DOUBT * probability / (1 - probability)
+    return odds / (1 + odds)
+
+
 def header(models, names, provenance):
     """trust/fitted_weights.hpp"""
     lines = [f'// Written by script/fit_trust; do not edit. {provenance}', '#pragma once', '', '#include "trust/evidence.hpp"', '',
@@ -69,14 +76,14 @@ def number_text(value):
     return (text if '.' in text or 'e' in text else text + '.') + 'f'
 
 
-def figures(wrong_probability, error):
+def figures(doubted, error):
     """Of the vectors: share wrong by 0.5 px, of these flagged, of those right to 0.1 px kept; of the reported ones (confidence 0.5
-    and more) the share wrong by 0.25 and 0.5 px and what their confidence promises."""
-    low, wrong, right = wrong_probability > 0.5, error > 0.5, error < 0.1
+    and more) the share wrong by 0.25 and 0.5 px and what their confidence promises, the mean of what is `doubted`."""
+    low, wrong, right = doubted > 0.5, error > 0.5, error < 0.1
     reported = ~low
 
     def share(what, where):
         return what[where].mean() if where.any() else np.nan
     return {'wrong': wrong.mean(), 'flagged': share(low, wrong), 'kept': share(~low, right), 'off': share(error > WRONG, reported),
-            'reported_wrong': share(wrong, reported), 'promised': share(wrong_probability, reported),
+            'reported_wrong': share(wrong, reported), 'promised': share(doubted, reported),
             'confidently_wrong': (reported & wrong).mean()}

@@ -73,14 +73,15 @@ cv::Mat1b findOccluded(const Level& level, const FlowBothWays& flow, const cv::M
 }
 
 /// Share of uncertain pixels, among the valid ones whose match lies inside the second image.
-float shareUnsure(const cv::Mat1f& error, const FlowPlanes& flow) {
+/// @param counted  CV_8UC1, 0 where a pixel does not count, or empty
+float shareUnsure(const cv::Mat1f& error, const FlowPlanes& flow, const cv::Mat1b& counted = {}) {
   constexpr float kUnsure = 0.25f;  // [px of the level]
   int all = 0, unsure = 0;
   for (int y = 0; y < error.rows; y += 2)
     for (int x = 0; x < error.cols; x += 2) {
       const float px = static_cast<float>(x) + flow.u.row(y)[x], py = static_cast<float>(y) + flow.v.row(y)[x];
       if (!(px >= 0 && py >= 0 && px < static_cast<float>(error.cols) && py < static_cast<float>(error.rows))) continue;
-      if (std::isinf(error(y, x))) continue;
+      if (std::isinf(error(y, x)) || (!counted.empty() && !counted(y, x))) continue;
       ++all;
       unsure += error(y, x) > kUnsure;
     }
@@ -120,21 +121,35 @@ struct Judge {
   }
 };
 
-/// Takes the other flow, and its error, where it is judged better: by regions, because single pixels are noise.
-void adoptWherePreferred(const FlowPlanes& other, const cv::Mat1f& other_error, FlowPlanes& flow, cv::Mat1f& error) {
-  constexpr double kRegion = 6;  // standard deviation over which the two are compared [px]
-  constexpr double kFar = 4;     // larger errors count as this [px]
+/// Where the other flow is judged better: by regions, because single pixels are noise.
+cv::Mat1b wherePreferred(const cv::Mat1f& other_error, const cv::Mat1f& error) {
+  // Chosen on the sets "fit" and "choose" of benchmark/trust_pairs.py, where the mean error hardly depends on them.
+  constexpr double kRegion = 16;    // standard deviation over which the two are compared [px]
+  constexpr double kAdvance = 0.5;  // of the other one, in logarithms: the smooth fit's judgement is the rosier one
+  constexpr double kFar = 4;        // larger errors count as this [px]
   cv::Mat1f present, offered, gain;
   cv::log(cv::min(error, kFar), present);
   cv::log(cv::min(other_error, kFar), offered);
   cv::GaussianBlur(present - offered, gain, {}, kRegion);
-  for (int y = 0; y < error.rows; ++y)
-    for (int x = 0; x < error.cols; ++x)
-      if (gain(y, x) > 0) {
+  return gain > -kAdvance;
+}
+
+void adopt(const FlowPlanes& other, const cv::Mat1b& where, FlowPlanes& flow) {
+  for (int y = 0; y < where.rows; ++y)
+    for (int x = 0; x < where.cols; ++x)
+      if (where(y, x)) {
         flow.u.row(y)[x] = other.u.row(y)[x];
         flow.v.row(y)[x] = other.v.row(y)[x];
-        error(y, x) = other_error(y, x);
       }
+}
+
+/// A fit that knows of itself that it is wrong (at a boundary, unlike its match) is believed, and so is what it says of
+/// places that the second image does not show: the images know no more.
+cv::Mat1f withAdmitted(const cv::Mat1f& judged, const cv::Mat1f& fit_error, const cv::Mat1b& visible) {
+  constexpr double kAdmitted = 0.99;  // what it says of such places [px], see trust/confidence.cpp
+  cv::Mat1f error = judged.clone();
+  cv::Mat1f(cv::max(judged, fit_error)).copyTo(error, (fit_error >= kAdmitted) | (visible == 0));
+  return error;
 }
 
 }  // namespace
@@ -199,23 +214,30 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   Estimate estimate;
   cv::Mat1f error = predictError(level, flow.forward, visible, fit.polished,
                                  static_cast<float>(settings.curvature * (1 << finest_level)), scale.suspect, threads);
+  // A piecewise fit only at full resolution: a preset that stops before it is chosen for its speed, and this fit is
+  // slow.
   if (settings.judge) {
     const Judge judge{fit, threads, told};
     const cv::Mat1b sound = regular & visible;
     const auto next = static_cast<std::size_t>(finest_level) + 1;
     const FlowPlanes second =
         secondOpinion(next < levels.size() ? levels[next] : halve(level, threads), flow.forward, settings, threads);
-    const cv::Mat1f smooth = judge({flow.forward, flow.backward, second, sound, error}, FitKind::kSmooth);
-    // Only at full resolution: a preset that stops at a coarser level is chosen for its speed, and this fit is slow.
-    if (finest_level == 0 && shareUnsure(smooth, flow.forward) > static_cast<float>(settings.most_unsure)) {
-      PiecewiseFlow other = piecewiseFlow(levels, start, finest_level, settings, threads);
+    cv::Mat1f judged = judge({flow.forward, flow.backward, second, sound, error}, FitKind::kSmooth);
+    if (finest_level == 0 && shareUnsure(judged, flow.forward, visible) > static_cast<float>(settings.most_unsure)) {
+      const PiecewiseFlow other = piecewiseFlow(levels, start, finest_level, settings, threads);
       const cv::Mat1f piecewise =
           judge({other.flow.forward, other.flow.backward, flow.forward, other.agree, other.error}, FitKind::kPiecewise);
-      error = judge({flow.forward, other.flow.backward, other.flow.forward, sound, error}, FitKind::kSmoothOfTwo);
-      adoptWherePreferred(other.flow.forward, piecewise, flow.forward, error);
-    } else {
-      error = smooth;
+      judged = judge({flow.forward, other.flow.backward, other.flow.forward, sound, error}, FitKind::kSmoothOfTwo);
+      const cv::Mat1b better = wherePreferred(piecewise, judged);
+      adopt(other.flow.forward, better, flow.forward);
+      piecewise.copyTo(judged, better);
+      other.error.copyTo(error, better);
     }
+    error = withAdmitted(judged, error, visible);
+  } else if (finest_level == 0 && shareUnsure(error, flow.forward) > static_cast<float>(settings.most_unsure)) {
+    PiecewiseFlow other = piecewiseFlow(levels, start, finest_level, settings, threads);
+    flow.forward = std::move(other.flow.forward);
+    error = other.error;
   }
   estimate.confidence = confidenceFromError(error, finest_level, images.first.size(), threads);
   if (!images.first_valid.empty()) estimate.confidence.setTo(0, images.first_valid == 0);

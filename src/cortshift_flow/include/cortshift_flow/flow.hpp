@@ -35,18 +35,19 @@ struct FlowSettings {
   int full_polish_iterations = 2;    ///< and at full resolution
   int finest_level = 0;              ///< where the polish ends: 0 full resolution, 1 half, 2 a quarter
 
-  /// 1: the confidence follows from what the images say of the fitted flow. 0: from the error that the fit predicts of
-  /// itself, for callers that judge the match themselves and whose flow is one smooth surface.
-  int judge = 1;
+  /// 1: the confidence follows from what the images say of the fitted flow (trust/judgement.hpp). 0: from the error
+  /// that the fit predicts of itself.
+  int judge = 0;
 
-  /// Share of unsure pixels beyond which one smooth surface is taken to be no model of the flow: a piecewise one is
-  /// fitted as well, several times as slow, and of each region the better one is kept; 1: never. Only at full
-  /// resolution, and only where the flow is judged.
+  /// Share of unsure pixels beyond which one smooth surface is taken to be no model of the flow and a piecewise one is
+  /// fitted, several times as slow; 1: never. Only at full resolution. With `judge` of each region the better fit is
+  /// kept, otherwise the piecewise one replaces the other.
   double most_unsure = 0.33;
 
   double search_range = 0.3;  ///< largest motion along an axis, as a share of the shorter side (kPolished)
 
-  /// The settings of a preset: "default"; "fast"; "ji2014", the paper's model with the paper's parameters.
+  /// The settings of a preset: "default"; "judged", the same with `judge`; "fast"; "ji2014", the paper's model with the
+  /// paper's parameters.
   /// @throws std::invalid_argument for any other name.
   static FlowSettings preset(const std::string& name);
   static std::vector<std::string> presetNames();

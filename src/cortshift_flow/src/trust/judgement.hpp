@@ -12,9 +12,9 @@ enum class FitKind {
   kSmoothOfTwo,  ///< beside the piecewise one
 };
 
-/// Predicted error at each pixel of a level [px of the level], infinite where `fit_error` is. Of the vectors with a
-/// predicted error e, the share that is off by more than 0.25 px is to be (e / 0.25)^2 / (1 + (e / 0.25)^2): a logistic
-/// model of the evidence (trust/evidence.hpp), fitted by script/fit_trust.
+/// Predicted error e (root mean square) at each pixel of a level [px of the level], infinite where `fit_error` is. A
+/// logistic model of the evidence (trust/evidence.hpp), fitted by script/fit_trust, gives the odds that the vector is
+/// off by more than 0.25 px; (e / 0.25 px)^2 is (e - 1) times the odds, as of an error whose components are normal.
 /// @param evidence  of gatherEvidence()
 /// @param fit_error  per pixel [px]
 cv::Mat1f judgedError(const cv::Mat& evidence, FitKind kind, const cv::Mat1f& fit_error, int threads);

@@ -202,7 +202,7 @@ FlowResult look(const Pair& pair, const cv::Mat& guess, const cv::Mat& domain, b
                 const ImageMatchingSettings& settings) {
   cortshift_flow::FlowSettings flow = settings.flow;
   flow.curvature = 16 * pair.resolution * settings.bend;  // a second difference over 4 px [px]
-  flow.judge = 0;  // trust/agreement judges the match; and in all its shading it remains one smooth surface
+  flow.most_unsure = 1;  // shading makes all of it unsure on a coarse grid, but it remains one smooth surface
   const double side = pair.resolution * std::min(pair.first.pattern.cols, pair.first.pattern.rows);
   flow.search_range = std::clamp((search ? settings.search : kRestSearch) / side, 0.01, 0.5);
   if (guess.empty())
