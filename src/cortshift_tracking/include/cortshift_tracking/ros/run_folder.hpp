@@ -12,7 +12,7 @@ std::string masterRun();
 /// ~/.ros/cortshift/NAME-RUN (or below ROS_HOME), one for each master and namespace. @throws TrackingError
 std::filesystem::path runPath(const std::string& name);
 
-/// Name of a status on /diagnostics, which all graphs share: "NODE: WHAT", or "or1/NODE: WHAT" where the graph is in /or1.
+/// Name of a status on /diagnostics, which all graphs share: "NODE: WHAT", or "or1/NODE: WHAT" for a graph in /or1.
 std::string statusName(const std::string& name);
 
 }  // namespace cortshift_tracking
