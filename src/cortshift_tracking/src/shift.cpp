@@ -4,6 +4,7 @@
 #include <string>
 
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/surround/uncertainty.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -32,6 +33,7 @@ void ShiftSettings::validate() const {
   matching.validate();
   trust.validate();
   inversion.validate();
+  surround.validate();
   strain.validate();
 }
 
@@ -53,12 +55,14 @@ Reference prepareReference(const cortshift_stereo::Surface& earlier_pmr, const S
   reference.excluded = excludedMask(reference.frame, excluded);
   reference.usable = usableMask(reference.projection, settings.trust);
   reference.usable.setTo(0, reference.excluded);
+  reference.outline = proposeOutline(reference.projection);
   reference.seconds = watch.lap();
   return reference;
 }
 
 ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surface& later_pmr,
-                         const Directions& directions, const ShiftSettings& settings, const cv::Mat& prediction) {
+                         const Directions& directions, const ShiftSettings& settings, const cv::Mat& prediction,
+                         const PairKnowledge& knowledge) {
   settings.validate();
   Stopwatch watch;
   ShiftResult result;
@@ -84,6 +88,16 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
     result.own_displacements_pmr = displacementsOfPoints(earlier.frame, result.earlier, result.later, registered.flow,
                                                          confidence, settings.inversion);
   }
+  const Surround surround = assessSurround(result.field, knowledge, settings.surround);
+  if (surround.corrected) {
+    takeOut(surround.transform, result.field.start_pmr, result.field.displacement_pmr);
+    if (settings.with_own_points) takeOut(surround.transform, result.own_points_pmr, result.own_displacements_pmr);
+  }
+  const Outline outline = knowledge.brain.empty()
+                              ? earlier.outline
+                              : Outline{excludedMask(earlier.frame, knowledge.brain), "drawn by hand"};
+  result.field.brain = outline.brain;
+  result.field.uncertainty = uncertaintyOf(result.field, surround);
   if (settings.with_strain) {
     const Strain strain = surfaceStrain(result.field, settings.strain);
     result.field.strain_major = strain.major;
@@ -96,6 +110,13 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
   result.summary.flow_seconds = flow_seconds;
   result.summary.inversion_seconds = inversion_seconds;
   result.summary.configuration = settings.configuration;
+  addBudget(result.summary, result.field, surround);
+  result.summary.outline = outline.text;
+  result.summary.surround = surround.text;
+  result.summary.warnings = surround.warnings;
+  if (surround.corrected)
+    result.summary.correction =
+        Correction{surround.transform, aboutCentre(surround.covariance, surround.centre, Eigen::Vector3d::Zero())};
   if (result.summary.valid_points == 0)
     throw TrackingError("no displacement can be trusted (overlap " + percent(overlap) +
                         "); capture a stage with the same cortex in view, in focus and free of blood");
@@ -104,9 +125,9 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
 
 ShiftResult computeShift(const cortshift_stereo::Surface& earlier_pmr, const cortshift_stereo::Surface& later_pmr,
                          const Directions& directions, const ShiftSettings& settings,
-                         const std::vector<Region>& excluded) {
+                         const std::vector<Region>& excluded, const PairKnowledge& knowledge) {
   const Reference reference = prepareReference(earlier_pmr, settings, excluded);
-  ShiftResult result = computeShift(reference, later_pmr, directions, settings);
+  ShiftResult result = computeShift(reference, later_pmr, directions, settings, {}, knowledge);
   result.summary.projection_seconds += reference.seconds;
   return result;
 }

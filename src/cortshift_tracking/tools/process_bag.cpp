@@ -2,7 +2,6 @@
 #include <ros/console.h>
 
 #include <cstdio>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -98,8 +97,8 @@ void run(const Options& options) {
   const Stopwatch watch;
 
   const OfflineParameters parameters = parametersFrom(options);
-  std::map<std::string, std::vector<Region>> regions;
-  if (!parameters.tracker.exclusions.empty()) regions = readRegions(parameters.tracker.exclusions);
+  Drawn drawn;
+  if (!parameters.tracker.exclusions.empty()) drawn.excluded = readRegions(parameters.tracker.exclusions);
   const auto opened = recordingFrom(options, parameters);
   const CaseRecording& recording = *opened;
   for (const std::string& remark : recording.bag().remarks())
@@ -126,7 +125,7 @@ void run(const Options& options) {
     steps.run("shift " + planned.from + ":" + planned.to, [&] {
       try {
         const StageShift shift = computeStageShift(output.store(), planned.from, planned.to, first_normal, gravity,
-                                                   parameters.tracker.shift, regions[planned.from]);
+                                                   parameters.tracker.shift, drawn);
         output.add(shift);
         return "shift " + planned.from + " to " + planned.to + ": " + toText(shift.result.summary);
       } catch (const std::exception& error) {

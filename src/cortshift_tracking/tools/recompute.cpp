@@ -4,12 +4,12 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
-#include <map>
 #include <string>
 #include <vector>
 
 #include "cortshift_stereo/provenance.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/case_state.hpp"
 #include "cortshift_tracking/offline/case_output.hpp"
 #include "cortshift_tracking/offline/recomputation.hpp"
 #include "cortshift_tracking/offline/tool_options.hpp"
@@ -29,10 +29,11 @@ with today's code and settings, and print a table of what changed. The case itse
 
   CASE_DIR         stages (or a folder with stages/), and FROM__TO.bag for every field
                    A stage keeps one pair: a surface that was the mean of several changes with it.
+                   Gravity, excluded regions and outlines are those of the case (case_state.json)
   --output DIR     new folder for the new stages and fields; by default they are only compared
   --config FOLDER  surface_reconstruction.yaml and shift_tracker.yaml; by default the workspace's config/
   --settings-calibration FOLDER  what calibrate_settings wrote, for other settings than the reference
-  --gravity X,Y,Z  direction of gravity in pmr, in place of what the configuration says
+  --gravity X,Y,Z  direction of gravity in pmr, in place of what the case or the configuration says
   --threads N      0: one for each core; by default what the configuration says
 
 Exit: 0 done, 1 failed, also where only one of the stages or fields did, 2 bad usage.
@@ -116,14 +117,23 @@ void run(const Options& options) {
     advance();
   }
   FirstNormal first_normal;
-  std::map<std::string, std::vector<Region>> regions;
-  if (!parameters.tracker.exclusions.empty()) regions = readRegions(parameters.tracker.exclusions);
+  CaseState::Configured configured{parameters.tracker.gravity_pmr, {}};
+  if (!parameters.tracker.exclusions.empty()) configured.regions = readRegions(parameters.tracker.exclusions);
+  if (const auto state_file = caseStateFile(files))  // a copy, since a damaged one is set aside
+    fs::copy_file(*state_file, output.store().folder() / kCaseStateFile);
+  const CaseState state(output.store().folder(), configured);
+  if (!state.trouble().empty()) failures.push_back(state.trouble());
+  const auto stages = output.store().list();
+  const Drawn drawn{state.regions(stages), state.outlines(stages)};
+  const auto known_gravity = state.gravity();
+  const auto gravity_pmr = gravity         ? gravity
+                           : known_gravity ? std::make_optional(known_gravity->direction_pmr)
+                                           : std::nullopt;
   for (const fs::path& path : files.fields) {
     attempt(path.filename().string(), [&] {
       const cortshift_msgs::DisplacementField stored = fieldFromBag(path);
       const StageShift made = computeStageShift(output.store(), stored.from_key, stored.to_key, first_normal,
-                                                gravity ? gravity : parameters.tracker.gravity_pmr,
-                                                parameters.tracker.shift, regions[stored.from_key], true);
+                                                gravity_pmr, parameters.tracker.shift, drawn, true);
       output.add(made);
       const cv::Mat before = fieldFromMessage(stored).displacement_pmr;
       const cv::Mat& after = made.result.field.displacement_pmr;

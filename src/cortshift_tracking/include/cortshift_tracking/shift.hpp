@@ -14,6 +14,8 @@
 #include "cortshift_tracking/matching/image_matching.hpp"
 #include "cortshift_tracking/projection/projection.hpp"
 #include "cortshift_tracking/projection/projection_frame.hpp"
+#include "cortshift_tracking/surround/outline.hpp"
+#include "cortshift_tracking/surround/surround.hpp"
 #include "cortshift_tracking/trust/trust.hpp"
 
 namespace cortshift_tracking {
@@ -24,6 +26,7 @@ struct ShiftSettings {
   ImageMatchingSettings matching;
   TrustSettings trust;
   InversionSettings inversion;
+  SurroundSettings surround;
   bool with_own_points = false;  ///< fills the result's own points
   bool with_strain = false;      ///< fills the field's strains
   StrainSettings strain;
@@ -58,6 +61,7 @@ struct Reference {
   Projection projection;
   cv::Mat usable;    ///< CV_8UC1, see usableMask; without the excluded regions
   cv::Mat excluded;  ///< CV_8UC1 255: excluded by hand
+  Outline outline;   ///< of the brain, as proposed
   double seconds = 0;
 };
 
@@ -68,15 +72,17 @@ Reference prepareReference(const cortshift_stereo::Surface& earlier_pmr, const S
 
 /// Displacement field from a prepared earlier surface to a later one. `projection_seconds` counts the later one only.
 /// @param prediction of the flow, for instance from the moment before (see predictionOf), or empty
+/// @param knowledge of both stages beside their surfaces. Where what does not move shows that tracking was wrong, the
+/// field is corrected by it (see SurroundSettings); `later`, `flow` and the pictures stay as tracked.
 /// @throws TrackingError if the later surface is unusable, the two do not overlap or no vector can be trusted
 ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surface& later_pmr,
                          const Directions& directions, const ShiftSettings& settings = {},
-                         const cv::Mat& prediction = {});
+                         const cv::Mat& prediction = {}, const PairKnowledge& knowledge = {});
 
 /// Displacement field from the earlier to the later surface.
 /// @throws TrackingError as the two above
 ShiftResult computeShift(const cortshift_stereo::Surface& earlier_pmr, const cortshift_stereo::Surface& later_pmr,
                          const Directions& directions, const ShiftSettings& settings = {},
-                         const std::vector<Region>& excluded = {});
+                         const std::vector<Region>& excluded = {}, const PairKnowledge& knowledge = {});
 
 }  // namespace cortshift_tracking

@@ -15,7 +15,6 @@
 namespace cortshift_tracking {
 namespace {
 
-const char* const kFileName = "case_state.json";
 const std::string kFormat = "cortshift case state, version 1";
 const std::string kAnyFormat = "cortshift case state, version ";
 
@@ -62,12 +61,12 @@ std::optional<Eigen::Vector3d> unitVector(const Eigen::Vector3d& direction) {
 }
 
 CaseState::CaseState(const std::filesystem::path& folder, const Configured& configured)
-    : folder_(folder), path_(folder / kFileName), configured_(configured) {
+    : folder_(folder), path_(folder / kCaseStateFile), configured_(configured) {
   try {
     const auto known = gravity();
     if (known) ROS_INFO_STREAM("gravity is known: " << known->source);
   } catch (const UnreadableFile& error) {
-    ROS_ERROR_STREAM("gravity and excluded regions of the case are not known: " << error.what());
+    ROS_ERROR_STREAM("gravity, excluded regions and outlines of the case are not known: " << error.what());
   }
 }
 
@@ -83,31 +82,46 @@ std::optional<Gravity> CaseState::gravity() const {
   return Gravity{kept->direction_pmr, kept->source + text};
 }
 
-std::vector<Region> CaseState::regionsIn(const Content& content, const std::string& key, const ros::Time& stamp) const {
-  const auto kept = content.excluded.find(key);
-  if (kept != content.excluded.end()) {
+std::vector<Region> CaseState::regionsIn(const OnStages& drawn, const RegionsByKey& configured, const std::string& key,
+                                         const ros::Time& stamp) {
+  const auto kept = drawn.find(key);
+  if (kept != drawn.end()) {
     // Of a stage that cannot be read only the key is known: it may be read by the time that it is used.
     const bool same = kept->second.stamp.isZero() || stamp.isZero() || kept->second.stamp == stamp;
     return same ? kept->second.regions : std::vector<Region>();
   }
-  const auto configured = configured_.regions.find(key);
-  return configured == configured_.regions.end() ? std::vector<Region>() : configured->second;
+  const auto given = configured.find(key);
+  return given == configured.end() ? std::vector<Region>() : given->second;
 }
 
-RegionsByKey CaseState::regions(const std::vector<cortshift_msgs::StageInfo>& stages) const {
-  const std::lock_guard<std::mutex> guard(mutex_);
-  const Content& known = content();
+RegionsByKey CaseState::regionsIn(const OnStages& drawn, const RegionsByKey& configured,
+                                  const std::vector<cortshift_msgs::StageInfo>& stages) {
   RegionsByKey regions;
   for (const cortshift_msgs::StageInfo& stage : stages) {
-    const auto of_stage = regionsIn(known, stage.key, stage.stamp);
+    const auto of_stage = regionsIn(drawn, configured, stage.key, stage.stamp);
     if (!of_stage.empty()) regions[stage.key] = of_stage;
   }
   return regions;
 }
 
+RegionsByKey CaseState::regions(const std::vector<cortshift_msgs::StageInfo>& stages) const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return regionsIn(content().excluded, configured_.regions, stages);
+}
+
 std::vector<Region> CaseState::regionsOf(const cortshift_msgs::StageInfo& stage) const {
   const std::lock_guard<std::mutex> guard(mutex_);
-  return regionsIn(content(), stage.key, stage.stamp);
+  return regionsIn(content().excluded, configured_.regions, stage.key, stage.stamp);
+}
+
+RegionsByKey CaseState::outlines(const std::vector<cortshift_msgs::StageInfo>& stages) const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return regionsIn(content().outlines, {}, stages);
+}
+
+std::vector<Region> CaseState::outlineOf(const cortshift_msgs::StageInfo& stage) const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return regionsIn(content().outlines, {}, stage.key, stage.stamp);
 }
 
 void CaseState::setGravity(const Eigen::Vector3d& direction_pmr, const std::string& source) {
@@ -138,10 +152,22 @@ void CaseState::exclude(const cortshift_msgs::StageInfo& stage, const std::vecto
   write(changed);
 }
 
+void CaseState::setOutline(const cortshift_msgs::StageInfo& stage, const std::vector<Region>& brain) {
+  excludedMask(ProjectionFrame(), brain);  // checks it
+  const std::lock_guard<std::mutex> guard(mutex_);
+  Content changed = content();
+  if (brain.empty())
+    changed.outlines.erase(stage.key);
+  else
+    changed.outlines[stage.key] = {stage.stamp, brain};
+  write(changed);
+}
+
 void CaseState::forget(const std::string& key) {
   const std::lock_guard<std::mutex> guard(mutex_);
   Content changed = content();
-  const bool kept = changed.excluded.erase(key) > 0, configured = configured_.regions.count(key) > 0;
+  const bool kept = changed.excluded.erase(key) + changed.outlines.erase(key) > 0,
+             configured = configured_.regions.count(key) > 0;
   if (!kept && !configured) return;
   if (configured) changed.excluded[key] = {};  // the configured ones were drawn on the stage that is gone
   write(changed);
@@ -176,7 +202,7 @@ CaseState::Content& CaseState::content() const {
     set_aside_ += " and set aside as " + moveAside(folder_, path_).string();
   } catch (const TrackingError&) {  // a read-only folder: naming the file is all that can be done
   }
-  set_aside_ += "; give gravity and excluded regions again";
+  set_aside_ += "; give gravity and excluded regions again, and outlines that were drawn";
   ROS_ERROR_STREAM(set_aside_);
   return content_.emplace();
 }
@@ -199,19 +225,8 @@ std::string CaseState::toJson(const Content& content) {
   } else {
     out << "null";
   }
-  out << ",\n \"excluded\": {";
-  bool first = true;
-  for (const auto& [key, excluded] : content.excluded) {
-    out << (first ? "\n  " : ",\n  ") << quoted(key) << ": {\"stamp\": ";
-    writeStamp(out, excluded.stamp);
-    out << ", \"regions\": ";
-    first = false;
-    list(out, excluded.regions, [&](const Region& region) {
-      list(out, region, [&](const cv::Point2d& corner) { out << '[' << corner.x << ", " << corner.y << ']'; });
-    });
-    out << '}';
-  }
-  out << '}';
+  appendJson(out, "excluded", content.excluded);
+  appendJson(out, "outlines", content.outlines);
   if (content.live) {
     out << ",\n \"live\": {\"from\": " << quoted(content.live->key) << ", \"stamp\": ";
     writeStamp(out, content.live->stamp);
@@ -219,6 +234,22 @@ std::string CaseState::toJson(const Content& content) {
   }
   out << "}\n";
   return out.str();
+}
+
+void CaseState::appendJson(std::ostream& out, const char* name, const OnStages& drawn) {
+  out << ",\n " << quoted(name) << ": {";
+  bool first = true;
+  for (const auto& [key, on_stage] : drawn) {
+    out << (first ? "\n  " : ",\n  ") << quoted(key) << ": {\"stamp\": ";
+    writeStamp(out, on_stage.stamp);
+    out << ", \"regions\": ";
+    first = false;
+    list(out, on_stage.regions, [&](const Region& region) {
+      list(out, region, [&](const cv::Point2d& corner) { out << '[' << corner.x << ", " << corner.y << ']'; });
+    });
+    out << '}';
+  }
+  out << '}';
 }
 
 CaseState::Content CaseState::fromJson(const std::string& text) {
@@ -240,20 +271,28 @@ CaseState::Content CaseState::fromJson(const std::string& text) {
     if (!(std::abs(down.norm() - 1) <= kRounding)) throw TrackingError("gravity is no unit vector");
     content.gravity = Gravity{down, gravity["source"].as<std::string>()};
   }
-  for (const auto& entry : excluded) {
-    const auto key = entry.first.as<std::string>();
-    requireKey(key);
-    Excluded& out = content.excluded[key];
-    out.stamp = stampOf(entry.second["stamp"], key);
-    for (const YAML::Node& polygon : entry.second["regions"]) {
-      Region region;
-      for (const YAML::Node& corner : polygon) {
-        if (corner.size() != 2) throw TrackingError("a corner of '" + key + "' is not [x, y]");
-        region.emplace_back(finite(corner[0]), finite(corner[1]));
+  const auto read = [](const YAML::Node& node, OnStages& drawn) {
+    for (const auto& entry : node) {
+      const auto key = entry.first.as<std::string>();
+      requireKey(key);
+      OnStage& out = drawn[key];
+      out.stamp = stampOf(entry.second["stamp"], key);
+      for (const YAML::Node& polygon : entry.second["regions"]) {
+        Region region;
+        for (const YAML::Node& corner : polygon) {
+          if (corner.size() != 2) throw TrackingError("a corner of '" + key + "' is not [x, y]");
+          region.emplace_back(finite(corner[0]), finite(corner[1]));
+        }
+        out.regions.push_back(region);
       }
-      out.regions.push_back(region);
+      excludedMask(ProjectionFrame(), out.regions);  // checks them
     }
-    excludedMask(ProjectionFrame(), out.regions);  // checks them
+  };
+  read(excluded, content.excluded);
+  // Cases from before there were outlines have none.
+  if (const YAML::Node outlines = root["outlines"]) {
+    if (!outlines.IsMap()) throw TrackingError("outlines are no mapping");
+    read(outlines, content.outlines);
   }
   if (const YAML::Node live = root["live"]) {
     const auto key = live["from"].as<std::string>();

@@ -174,6 +174,22 @@ cv::Vec3b scaleColour(double value) {
 
 double scaleEnd(const DisplacementField& field) { return scaleEndOf(magnitudes(field)); }
 
+cv::Mat brainOutline(const ShiftResult& result) {
+  cv::Mat bytes;
+  result.earlier.colour.convertTo(bytes, CV_8UC3, 255);
+  const double mm = 1e3 * result.field.frame.resolution / pictureScale(bytes.size());
+  cv::Mat picture = upright(bytes, cv::INTER_CUBIC);
+  if (!result.field.brain.empty()) {
+    std::vector<std::vector<cv::Point>> contours;
+    cv::findContours(upright(result.field.brain, cv::INTER_LINEAR) >= 128, contours, cv::RETR_LIST,
+                     cv::CHAIN_APPROX_NONE);
+    cv::drawContours(picture, contours, -1, {80, 255, 80}, 2, cv::LINE_AA);
+  }
+  cv::Mat canvas = withStrip(picture, mm);
+  write(canvas, "brain: " + result.summary.outline, {16, canvas.rows - kStrip + 34}, kInk);
+  return canvas;
+}
+
 cv::Mat overlayBefore(const ShiftResult& result) {
   return overlay(result, result.later.colour, result.later.mask, "before compensation");
 }

@@ -51,7 +51,9 @@ CaseOutput::CaseOutput(const fs::path& folder)
       store_(folder / "stages"),
       summary_(
           "from_key,to_key,valid_points,overlap,magnitude_mean_m,magnitude_sd_m,gravity_mean_m,gravity_sd_m,"
-          "normal_mean_m,normal_sd_m,lateral_mean_m,lateral_sd_m,gravity_normal_angle_rad,warnings\n"),
+          "normal_mean_m,normal_sd_m,lateral_mean_m,lateral_sd_m,gravity_normal_angle_rad,warnings,common_sd_m,"
+          "brain_points,brain_magnitude_mean_m,brain_magnitude_sd_m,brain_gravity_mean_m,brain_gravity_sd_m,"
+          "brain_normal_mean_m,brain_normal_sd_m,brain_lateral_mean_m,brain_lateral_sd_m,outline,surround\n"),
       timing_("step,seconds\n") {}
 
 void CaseOutput::add(const StageShift& shift) {
@@ -65,7 +67,11 @@ void CaseOutput::add(const StageShift& shift) {
   summary_ += s.from_key + "," + s.to_key + "," + std::to_string(s.valid_points) + cell(s.overlap) +
               cell(s.magnitude_mean) + cell(s.magnitude_sd) + cell(s.gravity_mean) + cell(s.gravity_sd) +
               cell(s.normal_mean) + cell(s.normal_sd) + cell(s.lateral_mean) + cell(s.lateral_sd) +
-              cell(s.gravity_normal_angle) + textCell(s.warnings) + "\n";
+              cell(s.gravity_normal_angle) + textCell(s.warnings) + cell(s.common_sd) + "," +
+              std::to_string(s.brain_points) + cell(s.brain_magnitude_mean) + cell(s.brain_magnitude_sd) +
+              cell(s.brain_gravity_mean) + cell(s.brain_gravity_sd) + cell(s.brain_normal_mean) +
+              cell(s.brain_normal_sd) + cell(s.brain_lateral_mean) + cell(s.brain_lateral_sd) + textCell({s.outline}) +
+              textCell({s.surround}) + "\n";
 }
 
 void CaseOutput::addTiming(const std::string& step, double seconds) {

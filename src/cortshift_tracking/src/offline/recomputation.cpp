@@ -8,6 +8,7 @@
 #include <regex>
 
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/case_state.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/case/stage_record.hpp"
 #include "cortshift_tracking/error.hpp"
@@ -39,6 +40,11 @@ CaseFiles findCase(const fs::path& folder) {
   std::sort(found.stages.begin(), found.stages.end(), by_name);
   std::sort(found.fields.begin(), found.fields.end(), by_name);
   return found;
+}
+
+std::optional<fs::path> caseStateFile(const CaseFiles& files) {
+  const fs::path path = files.stages.front().parent_path() / kCaseStateFile;
+  return fs::exists(path) ? std::make_optional(path) : std::nullopt;
 }
 
 cortshift_msgs::DisplacementField fieldFromBag(const fs::path& path) {

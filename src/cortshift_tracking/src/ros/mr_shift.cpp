@@ -83,7 +83,7 @@ void addPictures(ShiftResult& result, const cortshift_stereo::Surface& later, co
 
 StageShift computeMrShift(const StageStore& store, const std::string& to_key, FirstNormal& first_normal,
                           const std::optional<Eigen::Vector3d>& gravity_pmr, const ShiftSettings& settings,
-                          const std::map<std::string, std::vector<Region>>& excluded, bool across_epochs) {
+                          const Drawn& drawn, bool across_epochs) {
   const cortshift_msgs::StageInfo registered = registeredStage(store, to_key);
   const cortshift_msgs::DisplacementField message = readRegistration(store, registered);
   StageShift shift;
@@ -96,10 +96,8 @@ StageShift computeMrShift(const StageStore& store, const std::string& to_key, Fi
   Summary times;
   times.flow_seconds = message.summary.compute_time;
   if (registered.key != to_key) {
-    const auto regions = excluded.find(registered.key);
     const StageShift onwards =
-        computeStageShift(store, registered.key, to_key, first_normal, gravity_pmr, settings,
-                          regions == excluded.end() ? std::vector<Region>() : regions->second, across_epochs);
+        computeStageShift(store, registered.key, to_key, first_normal, gravity_pmr, settings, drawn, across_epochs);
     shift.to = onwards.to;
     result.field = composed(result.field, onwards.result.field);
     overlap *= onwards.result.summary.overlap;
@@ -107,12 +105,16 @@ StageShift computeMrShift(const StageStore& store, const std::string& to_key, Fi
     times.flow_seconds += onwards.result.summary.flow_seconds;
     times.inversion_seconds = onwards.result.summary.inversion_seconds;
     times.warnings = onwards.result.summary.warnings;
+    times.surround = onwards.result.summary.surround;
+    times.correction = onwards.result.summary.correction;
   }
   result.summary = summarise(result.field, overlap, first_normal.of(store), gravity_pmr);
   result.summary.warnings = message.summary.warnings;
   cortshift_stereo::addWarnings(result.summary.warnings,
                                 registered.key == to_key ? warningsOf({}, registered) : times.warnings);
   result.summary.configuration = settings.configuration;
+  result.summary.surround = times.surround;
+  result.summary.correction = times.correction;
   result.summary.projection_seconds = times.projection_seconds;
   result.summary.flow_seconds = times.flow_seconds;
   result.summary.inversion_seconds = times.inversion_seconds;

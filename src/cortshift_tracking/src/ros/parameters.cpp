@@ -3,6 +3,7 @@
 #include <cmath>
 #include <vector>
 
+#include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
 #include "cortshift_stereo/ros/parameter_reader.hpp"
 #include "cortshift_stereo/ros/parameter_writer.hpp"
 #include "cortshift_tracking/case/case_state.hpp"
@@ -14,7 +15,7 @@ namespace {
 /// What the parameters give in another form than the struct holds it.
 struct Spelt {
   std::vector<double> gravity;
-  std::string inversion = "linear";
+  std::string inversion = "linear", surround = "correct";
   int threads = 0;
 };
 
@@ -49,6 +50,10 @@ void each(Reader& reader, Parameters& p, Spelt& spelt) {
   reader.number("glare_margin", s.trust.glare_margin, 0.0, 0.01);
   reader.number("match_window", s.trust.agreement.window, 0.0005, 0.02);
   reader.number("image_noise", s.trust.agreement.image_noise, 0.0, 0.2);
+  reader.choice("surround", spelt.surround, {"off", "check", "correct"});
+  reader.number("pose_translation_sd", s.surround.pose_translation_sd, 0.0, 0.01);
+  reader.number("pose_rotation_sd", s.surround.pose_rotation_sd, 0.0, 0.1);
+  reader.choice("hand_eye", p.hand_eye);
   reader.flag("own_points", s.with_own_points);
   reader.flag("strain", s.with_strain);
   reader.number("strain_window", s.strain.window, 0.0005, 0.02);
@@ -63,6 +68,8 @@ std::string ShiftTrackerParameters::effective() const {
   Spelt spelt;
   if (gravity_pmr) spelt.gravity = {gravity_pmr->x(), gravity_pmr->y(), gravity_pmr->z()};
   if (shift.inversion.interpolation == Interpolation::kNearest) spelt.inversion = "nearest";
+  if (shift.surround.mode != SurroundMode::kCorrect)
+    spelt.surround = shift.surround.mode == SurroundMode::kCheck ? "check" : "off";
   cortshift_stereo::ParameterWriter writer;
   each(writer, *this, spelt);
   return writer.without({"case_folder", "threads"});  // the result does not depend on them
@@ -79,6 +86,18 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   each(reader, p, spelt);
   reader.finish();
   p.shift.inversion.interpolation = spelt.inversion == "linear" ? Interpolation::kLinear : Interpolation::kNearest;
+  p.shift.surround.mode = spelt.surround == "off"     ? SurroundMode::kOff
+                          : spelt.surround == "check" ? SurroundMode::kCheck
+                                                      : SurroundMode::kCorrect;
+  if (!p.hand_eye.empty()) {
+    try {
+      const auto deviation = cortshift_stereo::readHandEyeDeviation(p.hand_eye);
+      p.shift.surround.calibration.push_back(
+          {"hand-eye", "residuals of its calibration file", deviation.translation_sd, deviation.rotation_sd, true});
+    } catch (const cortshift_stereo::CalibrationError& error) {
+      throw cortshift_stereo::ParameterError("parameter hand_eye: " + std::string(error.what()));
+    }
+  }
   p.shift.setThreads(spelt.threads);
 
   if (!spelt.gravity.empty()) {

@@ -1,5 +1,7 @@
 #include "cortshift_tracking/ros/stage_shift.hpp"
 
+#include <cmath>
+
 #include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/case/calibration_identity.hpp"
@@ -41,6 +43,30 @@ std::vector<std::string> warningsOf(const cortshift_msgs::StageInfo& from, const
   return warnings;
 }
 
+PairKnowledge knowledgeOf(const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to,
+                          const SurroundSettings& settings, const std::vector<Region>& brain) {
+  const auto camera = [&](const cortshift_msgs::StageInfo& stage) -> std::optional<PlacedCamera> {
+    const geometry_msgs::Pose& pose = stage.camera_pose;
+    // NaN, and the zeros of a message that nobody filled in, are no pose.
+    if (!std::isfinite(pose.position.x) || !(std::abs(pose.orientation.w) + std::abs(pose.orientation.x) +
+                                                 std::abs(pose.orientation.y) + std::abs(pose.orientation.z) >
+                                             0))
+      return std::nullopt;
+    PlacedCamera placed{cortshift_stereo::isometryFromMessage(pose), {}};
+    placed.errors.push_back({"tracker", "configured", settings.pose_translation_sd, settings.pose_rotation_sd, false});
+    for (const cortshift_msgs::PoseError& error : stage.pose_errors)
+      placed.errors.push_back(
+          {error.source, error.known_from, error.translation_sd, error.rotation_sd, error.common != 0});
+    return placed;
+  };
+  return {camera(from), camera(to), brain};
+}
+
+std::vector<Region> Drawn::of(const std::map<std::string, std::vector<Region>>& regions, const std::string& key) {
+  const auto found = regions.find(key);
+  return found == regions.end() ? std::vector<Region>() : found->second;
+}
+
 Eigen::Vector3d FirstNormal::of(const StageStore& store) {
   const std::vector<cortshift_msgs::StageInfo> stages = store.list();
   if (stages.empty()) throw TrackingError("no stage has been captured yet; capture one first");
@@ -55,7 +81,7 @@ Eigen::Vector3d FirstNormal::of(const StageStore& store) {
 
 StageShift computeStageShift(const StageStore& store, const std::string& from_key, const std::string& to_key,
                              FirstNormal& first_normal, const std::optional<Eigen::Vector3d>& gravity_pmr,
-                             const ShiftSettings& settings, const std::vector<Region>& excluded, bool across_epochs) {
+                             const ShiftSettings& settings, const Drawn& drawn, bool across_epochs) {
   if (to_key == kMrKey)
     throw TrackingError("the preoperative MR comes before every stage; give '" + to_key + "' as the earlier one");
   const std::size_t from = store.indexOf(from_key), to = store.indexOf(to_key);
@@ -70,10 +96,13 @@ StageShift computeStageShift(const StageStore& store, const std::string& from_ke
       throw TrackingError(*change + "; choose stages of one epoch, or ask for compute_shift_across_epochs");
     warnings.push_back(*change);
   }
-  StageShift shift{earlier.info, later.info,
-                   computeShift(surfaceFromPointCloud2(*earlier.surface), surfaceFromPointCloud2(*later.surface),
-                                {first_normal.of(store), gravity_pmr}, settings, excluded)};
+  StageShift shift{
+      earlier.info, later.info,
+      computeShift(surfaceFromPointCloud2(*earlier.surface), surfaceFromPointCloud2(*later.surface),
+                   {first_normal.of(store), gravity_pmr}, settings, Drawn::of(drawn.excluded, from_key),
+                   knowledgeOf(earlier.info, later.info, settings.surround, Drawn::of(drawn.brain, from_key)))};
   cortshift_stereo::addWarnings(warnings, warningsOf(earlier.info, later.info));
+  cortshift_stereo::addWarnings(warnings, shift.result.summary.warnings);
   shift.result.summary.warnings = warnings;
   return shift;
 }

@@ -83,6 +83,36 @@ TEST_F(CaseStateTest, RegionsBelongToOneCapture) {
   EXPECT_TRUE(holds(refusal([&] { state.exclude(stage("a", 1), {{{0, 0}, {1, 1}}}); }), "fewer than three corners"));
 }
 
+TEST_F(CaseStateTest, OutlinesAreThereAgainAndGoWithTheirStage) {
+  {
+    CaseState state(folder, {std::nullopt, {{"a", {kRegions[0]}}}});
+    state.setOutline(stage("a", 1.5), kRegions);
+    state.setOutline(stage("b", 2), {kRegions[0]});
+    state.setOutline(stage("c", 3), kRegions);
+    state.setOutline(stage("c", 3), {});  // the automatic one again
+    EXPECT_TRUE(holds(refusal([&] {
+                        state.setOutline(stage("a", 1.5), {{{0, 0}, {1, 1}}});
+                      }),
+                      "fewer than three corners"));
+  }
+  CaseState state(folder, {});
+  EXPECT_EQ(state.outlineOf(stage("a", 1.5)), kRegions);
+  EXPECT_TRUE(state.outlineOf(stage("a", 7)).empty());  // captured anew
+  EXPECT_TRUE(state.regionsOf(stage("a", 1.5)).empty()) << "an outline excludes nothing";
+  EXPECT_EQ(state.outlines({stage("a", 1.5), stage("b", 2), stage("c", 3)}),
+            (RegionsByKey{{"a", kRegions}, {"b", {kRegions[0]}}}));
+  state.forget("a");
+  EXPECT_TRUE(state.outlineOf(stage("a", 1.5)).empty());
+  EXPECT_EQ(CaseState(folder, {}).outlineOf(stage("b", 2)), RegionsByKey::mapped_type{kRegions[0]});
+}
+
+TEST_F(CaseStateTest, ACaseFromBeforeThereWereOutlinesHasNone) {
+  leave(R"({"format": "cortshift case state, version 1", "unit": "m", "gravity": null, "excluded": {}})");
+  const CaseState state(folder, {});
+  EXPECT_TRUE(state.outlineOf(stage("a", 1)).empty());
+  EXPECT_EQ(state.trouble(), "");
+}
+
 TEST_F(CaseStateTest, TheConfigurationHoldsUntilTheCaseSaysSomethingElse) {
   const CaseState::Configured configured{Eigen::Vector3d(0, -1, 0), {{"a", kRegions}, {"b", kRegions}}};
   {

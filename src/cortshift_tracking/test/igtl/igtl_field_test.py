@@ -92,7 +92,7 @@ class IgtlField(BridgeTest, unittest.TestCase):
         text = self.client.expect('ShiftSummary').string
         self.assertIn('dura_open -> resected: magnitude 6.10 +- 1.20 mm, along gravity not known', text)
         values = self.client.expect('ShiftSummaryValues').values
-        self.assertEqual(len(values), 12)
+        self.assertEqual(len(values), 22)
         self.assertLess(np.abs(values[[0, 1, 2, 6, 11]] - [12, 0.9, 6.1, -5, 0.7]).max(), 1e-9)
         self.assertTrue(np.isnan(values[4]))
 

@@ -118,7 +118,7 @@ def test_tables_hold_units_and_every_pair(exact):
     for header, rows in ((TABLE_2_HEADER, second), (TABLE_3_HEADER, third)):
         text = list(csv.reader(to_csv(header, rows).splitlines()))
         assert text[0] == header and len(text) == 4 and all(len(row) == len(header) for row in text)
-        assert all(name in ('pair', 'points', 'points_with_flow', 'warnings') or name.rsplit('_', 1)[1] in ('mm', 'min', 'deg', 's', 'percent')
+        assert all(name in ('pair', 'points', 'points_with_flow', 'warnings', 'surround') or name.rsplit('_', 1)[1] in ('mm', 'min', 'deg', 's', 'percent')
                    for name in header)
     first = dict(zip(TABLE_3_HEADER, third[0]))
     valid = exact.fields[0].displacement[exact.fields[0].valid]

@@ -21,6 +21,7 @@ LIFT = 0.001       # m, of the later surface
 STATE = 'shift_tracker: state'
 COARSE = {'resolution': 0.0004, 'coarse_resolution': 0.0004, 'capture_timeout': 5.0}
 SQUARE = [[0.025, 0.025], [0.035, 0.025], [0.035, 0.035], [0.025, 0.035]]  # m, in the projection frame: the middle of the sheet
+OUTLINE = [[0.01, 0.01], [0.04, 0.01], [0.04, 0.05], [0.01, 0.05]]
 
 
 class CaseRestart(unittest.TestCase):
@@ -51,7 +52,7 @@ class CaseRestart(unittest.TestCase):
         return answer.summary
 
     def test_stages_gravity_and_exclusions_are_there_again(self):
-        self.start()
+        self.start(surround='off')  # all of the sheet is lifted, what lies around the outline too
         self.diagnostics.wait_for(STATE, gravity='not known', gravity_from='', excluded_stages='', live='off')
         self.capture('a')
         self.capture('b', LIFT)
@@ -60,7 +61,14 @@ class CaseRestart(unittest.TestCase):
         self.assertTrue(self.tracker.set_gravity(Vector3(0, 0, -2)).success)
         answer = self.tracker.exclude_regions('a', [Polygon([Point32(x, y, 0) for x, y in SQUARE])])
         self.assertTrue(answer.success, answer.message)
+        answer = self.tracker.set_outline('a', [Polygon([Point32(x, y, 0) for x, y in OUTLINE])])
+        self.assertTrue(answer.success, answer.message)
         before = self.compute('a', 'b')
+        self.assertGreater(before.brain_points, 0)
+        self.assertLess(before.brain_points, before.valid_points)
+        self.assertEqual(before.outline, 'drawn by hand')
+        self.assertEqual(whole.brain_points, 0)
+        self.assertIn('not known', whole.outline)
         self.assertAlmostEqual(before.gravity_mean, -LIFT, delta=2e-5)
         self.assertLess(before.valid_points, whole.valid_points)
         self.assertTrue(self.tracker.track('a', True).success)
@@ -68,15 +76,17 @@ class CaseRestart(unittest.TestCase):
                                   live='on', live_from='a')
         self.node.end(signal.SIGKILL)
 
-        self.start()
+        self.start(surround='off')
         self.assertEqual([s.key for s in self.tracker.list_stages().stages], ['a', 'b'])
         state = self.diagnostics.wait_for(STATE, gravity='0.0000 0.0000 -1.0000', gravity_from='kept with the case',
                                           excluded_stages='a', live='on', live_from='a')
         self.assertEqual(state['message'], 'live from a')
         self.assertTrue(self.tracker.track('', False).success)
         after = self.compute('a', 'b')
-        self.assertEqual((after.valid_points, after.gravity_mean, after.magnitude_mean),
-                         (before.valid_points, before.gravity_mean, before.magnitude_mean))
+        def numbers(summary):
+            return (summary.valid_points, summary.gravity_mean, summary.magnitude_mean, summary.brain_points,
+                    summary.brain_magnitude_mean, summary.brain_gravity_mean, summary.outline, summary.common_sd)
+        self.assertEqual(numbers(after), numbers(before))
 
         # What was drawn on a stage goes with it, over a restart too; and so does live mode.
         self.assertTrue(self.tracker.track('a', True).success)

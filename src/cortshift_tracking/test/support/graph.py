@@ -9,13 +9,13 @@ import rosbag
 import rospy
 from cortshift_msgs.msg import DisplacementField
 from cortshift_msgs.srv import (CaptureMeanStage, CaptureStage, ComputeShift, DeleteStage, ExcludeRegions, ListStages,
-                                SetGravity, TrackShift)
+                                SetGravity, SetOutline, TrackShift)
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 
 SERVICES = {'capture_stage': CaptureStage, 'capture_mean_stage': CaptureMeanStage, 'compute_shift': ComputeShift,
             'delete_stage': DeleteStage, 'exclude_regions': ExcludeRegions, 'list_stages': ListStages,
-            'set_gravity': SetGravity, 'track': TrackShift}
+            'set_gravity': SetGravity, 'set_outline': SetOutline, 'track': TrackShift}
 
 
 def wait_until(condition, seconds, what):

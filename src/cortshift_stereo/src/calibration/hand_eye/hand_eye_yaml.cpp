@@ -1,5 +1,7 @@
 #include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <sstream>
 
 #include "calibration/rigid.hpp"
@@ -85,6 +87,17 @@ cv::Affine3d readHandEyeYaml(const std::string& path) {
   const auto rotation = rotationFromQuaternion(cv::Vec4d(quaternion.data()));
   if (!rotation) throw CalibrationError(path + ": rotation is not a unit quaternion; calibrate again");
   return {*rotation, cv::Vec3d(translation.data())};
+}
+
+HandEyeDeviation readHandEyeDeviation(const std::string& path) {
+  const YAML::Node root = loadYamlFile(path);
+  const auto over_axes = [&](const char* key, double unit) {
+    const auto values = requiredNumbers(root, key, path);
+    if (values.size() != 3 || *std::min_element(values.begin(), values.end()) < 0)
+      throw CalibrationError(path + ": " + key + " needs 3 numbers, none below 0; calibrate again");
+    return unit * cv::norm(cv::Vec3d(values.data())) / std::sqrt(3.0);
+  };
+  return {over_axes("translation_deviation_mm", kMillimetre), over_axes("rotation_deviation_deg", kDegree)};
 }
 
 }  // namespace cortshift_stereo

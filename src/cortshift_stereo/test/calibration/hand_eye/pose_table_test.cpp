@@ -61,9 +61,14 @@ TEST(HandEyeYaml, ReadsBackItsPoseAndRefusesOthers) {
   HandEyeReport report;
   report.board = {{9, 6}, 0.006};
   report.calibration.T_microscope_left = cv::Affine3d(cv::Vec3d(0.1, -2.5, 1.0), cv::Vec3d(0.1, 0.2, -0.3));
+  report.calibration.position_sd = {3e-4, 4e-4, 0};
+  report.calibration.rotation_sd = {1e-3, 0, 2e-3};
   report.calibration.rejected.push_back({"a.png", "blurred"});
   const std::string path = folder.file("hand_eye.yaml");
   writeHandEyeYaml(path, report);
+  const HandEyeDeviation deviation = readHandEyeDeviation(path);
+  EXPECT_NEAR(deviation.translation_sd, cv::norm(report.calibration.position_sd) / std::sqrt(3.0), 1e-6);
+  EXPECT_NEAR(deviation.rotation_sd, cv::norm(report.calibration.rotation_sd) / std::sqrt(3.0), 1e-6);
   const cv::Affine3d difference = report.calibration.T_microscope_left.inv() * readHandEyeYaml(path);
   EXPECT_LT(cv::norm(difference.rvec()), 1e-12);
   EXPECT_LT(cv::norm(difference.translation()), 1e-12);

@@ -1,4 +1,5 @@
-// What belongs to a case beside its stages: gravity, the regions excluded by hand, live mode. On disk before it counts.
+// What belongs to a case beside its stages: gravity, the regions excluded by hand, the outlines of the brain drawn by
+// hand, live mode. On disk before it counts.
 #pragma once
 
 #include <cortshift_msgs/StageInfo.h>
@@ -6,6 +7,7 @@
 
 #include <Eigen/Core>
 #include <filesystem>
+#include <iosfwd>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -15,6 +17,8 @@
 #include "cortshift_tracking/field/exclusion.hpp"
 
 namespace cortshift_tracking {
+
+constexpr const char* kCaseStateFile = "case_state.json";
 
 /// Unit vector of a direction, or nothing for one that is none (not finite, or zero).
 std::optional<Eigen::Vector3d> unitVector(const Eigen::Vector3d& direction);
@@ -57,6 +61,10 @@ class CaseState {
   /// The same for one stage. @throws UnreadableFile
   std::vector<Region> regionsOf(const cortshift_msgs::StageInfo& stage) const;
 
+  /// Outlines of the brain as they were drawn, the same way. @throws UnreadableFile
+  RegionsByKey outlines(const std::vector<cortshift_msgs::StageInfo>& stages) const;
+  std::vector<Region> outlineOf(const cortshift_msgs::StageInfo& stage) const;
+
   /// Returns when it is safe on disk. @param direction_pmr unit length @throws TrackingError; then nothing has changed
   void setGravity(const Eigen::Vector3d& direction_pmr, const std::string& source);
 
@@ -69,6 +77,9 @@ class CaseState {
   /// Replaces the regions of a stage; see setGravity. @throws TrackingError also for what is no region
   void exclude(const cortshift_msgs::StageInfo& stage, const std::vector<Region>& regions);
 
+  /// Replaces the outline of the brain on a stage, none: the automatic one again; see exclude.
+  void setOutline(const cortshift_msgs::StageInfo& stage, const std::vector<Region>& brain);
+
   /// After a stage was deleted. @throws TrackingError
   void forget(const std::string& key);
 
@@ -76,19 +87,24 @@ class CaseState {
   std::string trouble() const;
 
  private:
-  struct Excluded {
+  struct OnStage {
     ros::Time stamp;  // of the stage; zero: whatever stage has the key
     std::vector<Region> regions;
   };
+  using OnStages = std::map<std::string, OnStage>;
   struct Content {
     std::optional<Gravity> gravity;
-    std::map<std::string, Excluded> excluded;
+    OnStages excluded, outlines;
     std::optional<LiveMode> live;
   };
 
   Content& content() const;  // of the file, which is read first where it has not been
   void write(const Content& content);
-  std::vector<Region> regionsIn(const Content& content, const std::string& key, const ros::Time& stamp) const;
+  static std::vector<Region> regionsIn(const OnStages& drawn, const RegionsByKey& configured, const std::string& key,
+                                       const ros::Time& stamp);
+  static RegionsByKey regionsIn(const OnStages& drawn, const RegionsByKey& configured,
+                                const std::vector<cortshift_msgs::StageInfo>& stages);
+  static void appendJson(std::ostream& out, const char* name, const OnStages& drawn);
   static std::string toJson(const Content& content);
   static Content fromJson(const std::string& text);
 

@@ -14,8 +14,10 @@ struct DisplacementField {
   cv::Mat displacement_pmr;  ///< CV_32FC3 dx dy dz to the later surface [m]; NaN in the same places
   cv::Mat colour;            ///< CV_8UC3 of the earlier surface
   cv::Mat confidence;        ///< CV_32FC1 0...1; below the gate the vectors are NaN
-  cv::Mat strain_major;      ///< CV_32FC1 as in Strain, or empty where it was not asked for
-  cv::Mat strain_minor;      ///< CV_32FC1 as in Strain, or empty
+  cv::Mat uncertainty;   ///< CV_32FC1 root mean square length expected of the vector's error [m], or empty: not known
+  cv::Mat brain;         ///< CV_8UC1 255 on the exposed brain of the earlier surface, or empty: not known
+  cv::Mat strain_major;  ///< CV_32FC1 as in Strain, or empty where it was not asked for
+  cv::Mat strain_minor;  ///< CV_32FC1 as in Strain, or empty
 };
 
 }  // namespace cortshift_tracking

@@ -13,6 +13,9 @@ cv::Mat overlayBefore(const ShiftResult& result);
 /// The same with the later stage brought back by the flow; a thin line surrounds what is trusted.
 cv::Mat overlayAfter(const ShiftResult& result);
 
+/// The earlier stage with the outline of the brain, where it is known.
+cv::Mat brainOutline(const ShiftResult& result);
+
 /// |d| in colours, with a colour bar in mm; blank (dark grey) where there is no vector.
 cv::Mat magnitudeMap(const DisplacementField& field);
 

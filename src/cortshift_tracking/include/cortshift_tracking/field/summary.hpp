@@ -1,7 +1,7 @@
 // A displacement field in numbers (Ji et al. 2014, section 2.7.2 and Table 3).
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cstddef>
 #include <limits>
 #include <optional>
@@ -20,6 +20,24 @@ struct Statistic {
   double sd = kUnknown;
 };
 
+/// The rigid motion that was taken out of a field.
+struct Correction {
+  Eigen::Isometry3d transform_pmr;         ///< end point as tracked = transform * end point now
+  Eigen::Matrix<double, 6, 6> covariance;  ///< of (x, y, z [m], rotation about x, y, z [rad]) about pmr's origin
+};
+
+/// One source of what a vector may be off by.
+struct ErrorShare {
+  std::string source, known_from;  ///< for people
+  double sd = kUnknown;            ///< root mean square length at the centre of the brain, or of the field [m]
+};
+
+/// A set of vectors in numbers.
+struct Means {
+  std::size_t points = 0;
+  Statistic magnitude, gravity, normal, lateral;  ///< as in Summary
+};
+
 /// Lengths in metres, angles in radians. NaN: not known.
 struct Summary {
   std::size_t valid_points = 0;
@@ -29,6 +47,12 @@ struct Summary {
   Statistic normal;                        ///< along the first stage's average normal, positive: bulging
   Statistic lateral;                       ///< |d perpendicular to that normal|
   double gravity_normal_angle = kUnknown;  ///< [rad]
+  Means brain;                             ///< over the exposed brain alone; NaN where its outline is not known
+  std::string outline;                     ///< where the outline is from, or why it is not known
+  double common_sd = kUnknown;             ///< of the uncertainty, what all vectors have in common [m]
+  std::vector<ErrorShare> budget;          ///< what the uncertainty is made of
+  std::string surround;                    ///< what was found in what does not move, and done, in words
+  std::optional<Correction> correction;    ///< what was taken out
   double projection_seconds = 0;           ///< wall time
   double flow_seconds = 0;
   double inversion_seconds = 0;       ///< with the assessment of trust

@@ -4,6 +4,7 @@
 #include <cortshift_msgs/DisplacementField.h>
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,6 +23,9 @@ struct CaseFiles {
 /// @param folder  with stages in it or in `stages/`, and fields FROM__TO.bag
 /// @throws TrackingError if there is no such folder or no stage in it
 CaseFiles findCase(const std::filesystem::path& folder);
+
+/// Where a case keeps gravity, excluded regions and outlines: beside its stages. Nothing: it keeps none.
+std::optional<std::filesystem::path> caseStateFile(const CaseFiles& files);
 
 /// @throws TrackingError if the bag holds no DisplacementField on /shift/field
 cortshift_msgs::DisplacementField fieldFromBag(const std::filesystem::path& path);

@@ -4,10 +4,14 @@
 #include <cortshift_msgs/DisplacementField.h>
 #include <cortshift_msgs/ShiftSummary.h>
 #include <cortshift_msgs/StageInfo.h>
+#include <geometry_msgs/Polygon.h>
 
 #include "cortshift_tracking/shift.hpp"
 
 namespace cortshift_tracking {
+
+/// Corners in a projection frame [m]; z is left out.
+Region regionFromMessage(const geometry_msgs::Polygon& polygon);
 
 cortshift_msgs::ShiftSummary toMessage(const Summary& summary, const std::string& from_key, const std::string& to_key);
 

@@ -1,10 +1,8 @@
 // The shift of a stage against the brain of the preoperative MR.
 #pragma once
 
-#include <map>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "cortshift_tracking/ros/stage_shift.hpp"
 
@@ -14,11 +12,11 @@ namespace cortshift_tracking {
 /// the case folder, fields/pmr__STAGE.bag; to another stage it goes on from there by the shift between the two (Ji et
 /// al. 2014, Discussion). Of several registered stages the last one up to `to_key` is taken. The compute time of the
 /// summary includes that of the registration.
-/// @param excluded regions by stage, as for computeStageShift
+/// @param drawn as for computeStageShift
 /// @throws TrackingError for an unknown stage, one that nothing is registered for (with the command that does it), a
 ///         field that does not belong to its stage, and as computeStageShift
 StageShift computeMrShift(const StageStore& store, const std::string& to_key, FirstNormal& first_normal,
                           const std::optional<Eigen::Vector3d>& gravity_pmr, const ShiftSettings& settings,
-                          const std::map<std::string, std::vector<Region>>& excluded = {}, bool across_epochs = false);
+                          const Drawn& drawn = {}, bool across_epochs = false);
 
 }  // namespace cortshift_tracking

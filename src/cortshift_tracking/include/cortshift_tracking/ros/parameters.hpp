@@ -21,6 +21,7 @@ struct ShiftTrackerParameters {
   std::optional<Eigen::Vector3d> gravity_pmr;  ///< direction of gravity, unit length; empty: not known
   double arrow_spacing = 0.003;                ///< between the arrows of /shift/markers [m], 0.0005 ... 0.05
   std::string exclusions;                      ///< YAML file of regions excluded by hand, see readRegions; empty: none
+  std::string hand_eye;                        ///< file of calibrate_hand_eye, for what it is off by; empty: not known
   double track_resolution = 0.0002;            ///< of the projection in live mode [m], 0.00005 ... 0.001
   ShiftSettings shift;
 

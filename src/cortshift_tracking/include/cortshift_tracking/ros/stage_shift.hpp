@@ -1,6 +1,7 @@
 // The shift between two stages of a store: the step that a service call and a recorded case share.
 #pragma once
 
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -30,13 +31,23 @@ struct StageShift {
 /// The warnings of both stages, each with its key; a surface that is no stage has none.
 std::vector<std::string> warningsOf(const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to);
 
+/// What the stages' records say about the pair. @param brain as drawn by hand on the earlier stage; empty: not drawn
+PairKnowledge knowledgeOf(const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to,
+                          const SurroundSettings& settings, const std::vector<Region>& brain);
+
+/// What people drew on stages, in each stage's projection frame, by its key.
+struct Drawn {
+  std::map<std::string, std::vector<Region>> excluded;  ///< regions that take no part
+  std::map<std::string, std::vector<Region>> brain;     ///< outline of the exposed brain
+
+  static std::vector<Region> of(const std::map<std::string, std::vector<Region>>& regions, const std::string& key);
+};
+
 /// The summary carries the warnings of both stages.
-/// @param excluded regions of the earlier stage's projection frame that take no part
 /// @param across_epochs also between stages of different patient registrations or calibrations, which is warned of
 /// @throws TrackingError for unknown keys, equal ones, the wrong order or different epochs, and as computeShift
 StageShift computeStageShift(const StageStore& store, const std::string& from_key, const std::string& to_key,
                              FirstNormal& first_normal, const std::optional<Eigen::Vector3d>& gravity_pmr,
-                             const ShiftSettings& settings, const std::vector<Region>& excluded = {},
-                             bool across_epochs = false);
+                             const ShiftSettings& settings, const Drawn& drawn = {}, bool across_epochs = false);
 
 }  // namespace cortshift_tracking

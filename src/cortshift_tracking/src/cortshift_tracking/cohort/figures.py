@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from cortshift_tracking.cohort.table import PAIRED, overall_pair
 
 matplotlib.rcParams['savefig.dpi'] = 110
-COLOURS = ('#3b4cc0', '#8a8a8a', '#d1495b', '#2a9d8f')
+COLOURS = ('#3b4cc0', '#8a8a8a', '#d1495b', '#2a9d8f', '#e9a23b')
 
 
 def displacement_figure(results):
@@ -16,8 +16,8 @@ def displacement_figure(results):
     axes = figure.add_subplot()
     width = 0.8 / len(PAIRED)
     for n, (name, title) in enumerate(PAIRED):
-        means = np.array([float(row[f'{name}_mean_mm'] or 'nan') for _, row in done])
-        sds = np.array([float(row[f'{name}_sd_mm'] or 'nan') for _, row in done])
+        means = np.array([float(row.get(f'{name}_mean_mm') or 'nan') for _, row in done])
+        sds = np.array([float(row.get(f'{name}_sd_mm') or 'nan') for _, row in done])
         if not np.isfinite(means).any():
             continue
         place = np.arange(len(done)) + (n - (len(PAIRED) - 1) / 2) * width

@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 
-from cortshift_tracking.report.tables import TABLE_3_HEADER, to_csv
+from cortshift_tracking.report.tables import TABLE_3_HEADER, TABLE_3_WORDS, to_csv
 
-COLUMNS = [name for name in TABLE_3_HEADER if name not in ('pair', 'warnings')]   # numbers
+COLUMNS = [name for name in TABLE_3_HEADER if name not in TABLE_3_WORDS]   # numbers
 HEADER = ['case', 'status', 'pair'] + COLUMNS + ['case_seconds', 'case_peak_memory_mb', 'reason', 'warnings']
-PAIRED = (('d', 'Magnitude'), ('gravity', 'Along gravity'), ('normal', 'Along the normal'), ('lateral', 'Lateral'))
+PAIRED = (('d', 'Magnitude'), ('gravity', 'Along gravity'), ('normal', 'Along the normal'), ('lateral', 'Lateral'),
+          ('brain_d', 'Brain alone'))
 NAN = float('nan')
 
 
@@ -27,7 +28,7 @@ def over_patients(results):
     rows = [row for row in map(overall_pair, results) if row is not None]
     mean, sd = {}, {}
     for column in COLUMNS:
-        values = np.array([_number(row[column]) for row in rows])
+        values = np.array([_number(row.get(column)) for row in rows])
         values = values[np.isfinite(values)]
         mean[column] = float(values.mean()) if len(values) else NAN
         sd[column] = float(values.std(ddof=1)) if len(values) > 1 else NAN
@@ -40,7 +41,7 @@ def table_rows(results):
     for result in results:
         tail = [result['seconds'], result['peak_memory_mb'], result['reason']]
         for row in result['table'] or [None]:
-            numbers = [_number(row[column]) if row else NAN for column in COLUMNS]
+            numbers = [_number(row.get(column)) if row else NAN for column in COLUMNS]
             rows.append([result['case'], result['status'], row['pair'] if row else ''] + numbers + tail
                         + [row.get('warnings', '') if row else ''])
     count, mean, sd = over_patients(results)
@@ -54,7 +55,7 @@ def csv_text(results):
 
 
 def _pm(row, name, digits=2):
-    mean, sd = _number(row[f'{name}_mean_mm']), _number(row[f'{name}_sd_mm'])
+    mean, sd = _number(row.get(f'{name}_mean_mm')), _number(row.get(f'{name}_sd_mm'))
     if not math.isfinite(mean):
         return ''
     return f'{mean:.{digits}f} ± {sd:.{digits}f}' if math.isfinite(sd) else f'{mean:.{digits}f}'
@@ -71,7 +72,7 @@ def html_page(results, pictures):
     for result in results:
         time_and_memory = [f'{result["seconds"]:.1f}', result['peak_memory_mb']]
         if result['status'] != 'done':
-            body += (f'<tr class="failed"><td>{html.escape(result["case"])}</td><td colspan="8">failed: '
+            body += (f'<tr class="failed"><td>{html.escape(result["case"])}</td><td colspan="{4 + len(PAIRED)}">failed: '
                      f'{html.escape(result["reason"])}</td><td>{time_and_memory[0]}</td><td>{time_and_memory[1]}</td></tr>\n')
             continue
         for row in result['table']:

@@ -16,6 +16,8 @@ from scipy.spatial import cKDTree
 from cortshift_tracking.model.brain import ModelError
 from cortshift_tracking.model.elasticity import DENSITY, GRAVITY, stiffness, weights_of_nodes
 
+IMPLAUSIBLE = 3   # standard deviations of what was expected of a load: one in 370 is further away
+
 
 @dataclass(frozen=True)
 class UpdateSettings:
@@ -190,6 +192,9 @@ def update(model, pulls, gravity=None, resected=None, settings=UpdateSettings())
     if gravity is not None:
         at[0] = theta[0]
     warnings = [] if gravity is not None else ['gravity is not known, so that sagging is from the measured vectors alone']
+    if abs(at[1] - settings.swelling[0]) > IMPLAUSIBLE * settings.swelling[1]:
+        warnings.append(f'the vectors ask for a swelling of {at[1]:.1%}, more than tissue does: the model explains them badly, and the standard '
+                        'deviations are too small')
     left = vectors - pick @ known.kept(displacement[:, None])[:, 0]
     return Update(displacement.reshape(-1, 3), sd_nodes, at[0], at[1], tau, float(system.active.mean()), resected,
                   float(np.sqrt((left ** 2).mean() * 3)), warnings)

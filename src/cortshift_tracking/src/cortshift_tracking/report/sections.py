@@ -77,6 +77,19 @@ def slices(case, volume, why_none='No MR was given (--mr).'):
             f'{SECTION_CONFIDENCE:g}. Header: {text("; ".join(volume.notes))}.</p>')
 
 
+def budget(field):
+    """What the vectors of a pair may be off by, source by source; empty for a field of an earlier version."""
+    summary = field.summary
+    rows = ''.join(f'<tr><td>{text(share.source)}</td><td>{text(share.known_from)}</td><td class="n">{1000 * share.sd:.3f}</td></tr>'
+                   for share in getattr(summary, 'budget', ()))
+    if not rows:
+        return ''
+    told = ''.join(f'<p>{text(name)}: {text(value)}.</p>' for name, value in
+                   (('Surround', summary.surround), ('Outline of the brain', summary.outline)) if value)
+    return (f'{told}<table><tr><th>source of error</th><th>how known</th><th>at the centre of the brain / mm</th></tr>{rows}</table>'
+            f'<p class="small">Root mean square lengths; what all vectors have in common: {1000 * summary.common_sd:.3f} mm.</p>')
+
+
 def pair(case, field):
     """Pictures and alignment of one field."""
     name = f'{field.from_key} \u2192 {field.to_key}'
@@ -98,6 +111,7 @@ def pair(case, field):
     if field.from_mr:  # vessels tell where the brain went, but too coarsely for its strain
         parts.append(picture(figures.confidence_figure(field), f'confidence of {name}', 'Confidence'))
         return '\n'.join(parts)
+    parts.append(budget(field))
     parts.append(picture(figures.trust_figure(field), f'confidence and strain of {name}', 'Confidence and strain'))
     median, high, common, count = immobile_misalignment(field)
     parts.append(f'<p class="small">Alignment of what should not move: the border of the field (4 mm wide, {count} points) moves by '

@@ -5,6 +5,7 @@ import io
 import numpy as np
 
 from cortshift_tracking.report.validation import compare_pair, surface_accuracy
+from cortshift_tracking.summary_text import brain_of
 
 TABLE_2_HEADER = [
     'pair', 'points', 'points_with_flow',
@@ -17,7 +18,12 @@ TABLE_2_HEADER = [
 
 TABLE_3_HEADER = [
     'pair', 'separation_min', 'd_mean_mm', 'd_sd_mm', 'gravity_mean_mm', 'gravity_sd_mm', 'normal_mean_mm', 'normal_sd_mm',
-    'lateral_mean_mm', 'lateral_sd_mm', 'angle_deg', 'compute_s', 'overlap_percent', 'points', 'warnings']
+    'lateral_mean_mm', 'lateral_sd_mm', 'angle_deg', 'compute_s', 'overlap_percent', 'points', 'warnings',
+    'brain_d_mean_mm', 'brain_d_sd_mm', 'brain_gravity_mean_mm', 'brain_gravity_sd_mm', 'brain_normal_mean_mm',
+    'brain_normal_sd_mm', 'brain_lateral_mean_mm', 'brain_lateral_sd_mm', 'common_sd_mm', 'surround']
+
+#: The columns of Table 3 that hold words.
+TABLE_3_WORDS = ('pair', 'warnings', 'surround')
 
 
 def _mean_sd_mm(lengths):
@@ -69,9 +75,12 @@ def table_3(case):
             along = field.displacement[field.valid] @ gravity
             pairs[1] = float(along.mean()), float(along.std(ddof=1))
             angle = float(np.arccos(np.clip(case.first_normal_pmr @ gravity, -1, 1)))
+        brain = [brain_of(s, name) for name in ('magnitude', 'gravity', 'normal', 'lateral')]
         minutes = float('nan') if field.from_mr else (field.to_stamp - field.from_stamp) / 60
         rows.append([f'{field.from_key} -> {field.to_key}', minutes] + [1000 * v for pair in pairs for v in pair] +
-                    [np.degrees(angle), s.compute_time, 100 * s.overlap, int(s.valid_points), ' | '.join(s.warnings)])
+                    [np.degrees(angle), s.compute_time, 100 * s.overlap, int(s.valid_points), ' | '.join(s.warnings)] +
+                    [1000 * v for pair in brain for v in pair] + [1000 * (getattr(s, 'common_sd', 0) or float('nan')),
+                                                                 getattr(s, 'surround', '')])
     return rows
 
 

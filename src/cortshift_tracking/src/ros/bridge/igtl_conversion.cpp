@@ -119,7 +119,17 @@ std::vector<double> summaryValues(const cortshift_msgs::ShiftSummary& s) {
           kMmPerMetre * s.lateral_mean,
           kMmPerMetre * s.lateral_sd,
           s.gravity_normal_angle,
-          s.compute_time};
+          s.compute_time,
+          kMmPerMetre * s.common_sd,
+          static_cast<double>(s.brain_points),
+          kMmPerMetre * s.brain_magnitude_mean,
+          kMmPerMetre * s.brain_magnitude_sd,
+          kMmPerMetre * s.brain_gravity_mean,
+          kMmPerMetre * s.brain_gravity_sd,
+          kMmPerMetre * s.brain_normal_mean,
+          kMmPerMetre * s.brain_normal_sd,
+          kMmPerMetre * s.brain_lateral_mean,
+          kMmPerMetre * s.brain_lateral_sd};
 }
 
 std::string stageText(const cortshift_msgs::StageInfo& stage) {

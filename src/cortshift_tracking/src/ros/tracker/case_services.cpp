@@ -10,6 +10,7 @@
 #include <functional>
 
 #include "cortshift_tracking/error.hpp"
+#include "cortshift_tracking/ros/field_message.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -27,6 +28,12 @@ bool answer(Response& response, const char* service, const std::function<std::st
     ROS_WARN_STREAM(service << " refused: " << response.message);
   }
   return true;
+}
+
+std::vector<Region> regionsFrom(const std::vector<geometry_msgs::Polygon>& polygons) {
+  std::vector<Region> regions;
+  for (const geometry_msgs::Polygon& polygon : polygons) regions.push_back(regionFromMessage(polygon));
+  return regions;
 }
 
 /// "2026-11-26T14:13:07Z", wall time.
@@ -58,7 +65,8 @@ CaseServices::CaseServices(OpenCase& open, ros::NodeHandle& services)
       list_(services.advertiseService("list_stages", &CaseServices::onList, this)),
       delete_(services.advertiseService("delete_stage", &CaseServices::onDelete, this)),
       set_gravity_(services.advertiseService("set_gravity", &CaseServices::onGravity, this)),
-      exclude_(services.advertiseService("exclude_regions", &CaseServices::onExclude, this)) {}
+      exclude_(services.advertiseService("exclude_regions", &CaseServices::onExclude, this)),
+      outline_(services.advertiseService("set_outline", &CaseServices::onOutline, this)) {}
 
 bool CaseServices::onList(cortshift_msgs::ListStages::Request&, cortshift_msgs::ListStages::Response& response) {
   case_.store.retryUnreadable();
@@ -105,14 +113,20 @@ bool CaseServices::onExclude(cortshift_msgs::ExcludeRegions::Request& request,
                              cortshift_msgs::ExcludeRegions::Response& response) {
   return answer(response, "exclude_regions", [&] {
     const cortshift_msgs::StageInfo stage = case_.store.load(request.key).info;
-    std::vector<Region> regions;
-    for (const geometry_msgs::Polygon& polygon : request.polygons) {
-      Region region;
-      for (const geometry_msgs::Point32& corner : polygon.points) region.emplace_back(corner.x, corner.y);
-      regions.push_back(region);
-    }
-    case_.state.exclude(stage, regions);
-    return std::to_string(regions.size()) + " regions are excluded from shifts that start at '" + request.key + "'";
+    case_.state.exclude(stage, regionsFrom(request.polygons));
+    return std::to_string(request.polygons.size()) + " regions are excluded from shifts that start at '" + request.key +
+           "'";
+  });
+}
+
+bool CaseServices::onOutline(cortshift_msgs::SetOutline::Request& request,
+                             cortshift_msgs::SetOutline::Response& response) {
+  return answer(response, "set_outline", [&] {
+    const cortshift_msgs::StageInfo stage = case_.store.load(request.key).info;
+    case_.state.setOutline(stage, regionsFrom(request.brain));
+    return request.brain.empty() ? "the outline of the brain on '" + request.key + "' is no longer the drawn one"
+                                 : "the outline of the brain on '" + request.key +
+                                       "' is set and kept with the case; it counts from the next shift on";
   });
 }
 

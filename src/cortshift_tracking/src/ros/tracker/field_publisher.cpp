@@ -17,6 +17,7 @@ FieldPublisher::FieldPublisher(const ShiftTrackerParameters& parameters, ros::No
   field_ = node.advertise<cortshift_msgs::DisplacementField>("shift/field", 1, true);
   points_ = node.advertise<sensor_msgs::PointCloud2>("shift/points", 1, true);
   markers_ = node.advertise<visualization_msgs::MarkerArray>("shift/markers", 1, true);
+  outline_ = picture("shift/outline");
   overlay_before_ = picture("shift/overlay_before");
   overlay_after_ = picture("shift/overlay_after");
   magnitude_ = picture("shift/magnitude");
@@ -35,6 +36,7 @@ void FieldPublisher::publish(const ShiftResult& result, const Directions& direct
   const auto picture = [&](const ros::Publisher& publisher, const std::function<cv::Mat()>& draw) {
     if (wanted(publisher)) publisher.publish(cv_bridge::CvImage(field.header, "bgr8", draw()).toImageMsg());
   };
+  picture(outline_, [&] { return brainOutline(result); });
   picture(overlay_before_, [&] { return overlayBefore(result); });
   picture(overlay_after_, [&] { return overlayAfter(result); });
   picture(magnitude_, [&] { return magnitudeMap(result.field); });

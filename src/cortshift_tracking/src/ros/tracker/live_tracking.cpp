@@ -5,6 +5,7 @@
 #include <chrono>
 #include <optional>
 
+#include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
@@ -133,10 +134,11 @@ void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
         throw TrackingError("the patient registration has changed since this stage; track from one of the new epoch");
       const std::lock_guard<std::mutex> guard(case_.computing);
       const Directions directions = case_.directions();
-      ShiftResult result = computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface), directions,
-                                        settings_, prediction);
+      ShiftResult result =
+          computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface), directions, settings_,
+                       prediction, knowledgeOf(from, to, settings_.surround, case_.state.outlineOf(from)));
       if (const auto status = feed_.statusOf(to.stamp)) to.warnings = status->warnings;
-      result.summary.warnings = warningsOf(from, to);
+      cortshift_stereo::addWarnings(result.summary.warnings, warningsOf(from, to));
       prediction = predictionOf(result.flow, result.field.confidence);
       requireThere(case_.store, from);  // nothing is published of a stage that was deleted meanwhile
       publisher_.publish(result, directions, from, to, true);

@@ -39,14 +39,15 @@ bool ShiftRequests::compute(const Request& request, Response& response, bool acr
     const std::lock_guard<std::mutex> guard(case_.computing);
     const auto gravity = case_.state.gravity();
     const auto gravity_pmr = gravity ? std::make_optional(gravity->direction_pmr) : std::nullopt;
-    RegionsByKey regions = case_.state.regions(case_.store.list());
+    const auto stages = case_.store.list();
+    const Drawn drawn{case_.state.regions(stages), case_.state.outlines(stages)};
     ShiftSettings settings = settings_;
     settings.configuration = configuration_();
     const StageShift shift = request.from_key == kMrKey
                                  ? computeMrShift(case_.store, request.to_key, case_.first_normal, gravity_pmr,
-                                                  settings, regions, across_epochs)
+                                                  settings, drawn, across_epochs)
                                  : computeStageShift(case_.store, request.from_key, request.to_key, case_.first_normal,
-                                                     gravity_pmr, settings, regions[request.from_key], across_epochs);
+                                                     gravity_pmr, settings, drawn, across_epochs);
     publisher_.publish(shift.result, {case_.first_normal.of(case_.store), gravity_pmr}, shift.from, shift.to, false);
     response.success = true;
     response.summary = toMessage(shift.result.summary, request.from_key, request.to_key);

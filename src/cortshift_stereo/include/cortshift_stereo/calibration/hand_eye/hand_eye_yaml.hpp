@@ -26,4 +26,14 @@ void writeHandEyeYaml(const std::string& path, const HandEyeReport& report);
 /// @throws CalibrationError naming the file and key: missing or not YAML, other frames, or not a rotation.
 cv::Affine3d readHandEyeYaml(const std::string& path);
 
+/// What that pose is off by, from the residuals of its calibration: root mean square over the camera's axes.
+struct HandEyeDeviation {
+  double translation_sd = 0;  ///< [m]
+  double rotation_sd = 0;     ///< [rad]
+};
+
+/// @throws CalibrationError naming the file and key: missing or not YAML, or without deviations (no file of
+///         calibrate_hand_eye).
+HandEyeDeviation readHandEyeDeviation(const std::string& path);
+
 }  // namespace cortshift_stereo

@@ -30,7 +30,8 @@ Eigen::Matrix4d textureMatrix(const cortshift_msgs::DisplacementField& field, co
 std::string summaryText(const cortshift_msgs::ShiftSummary& summary);
 
 /// For programs: valid_points, overlap, then mean and sd [mm] of magnitude, gravity, normal, lateral (NaN: not known),
-/// gravity_normal_angle [rad], compute_time [s]: 12 numbers.
+/// gravity_normal_angle [rad], compute_time [s]: 12 numbers; then common_sd [mm], brain_points, and the four
+/// means and sd [mm] of the brain alone: 10 more.
 std::vector<double> summaryValues(const cortshift_msgs::ShiftSummary& summary);
 
 /// "KEY stamp valid_points coverage" for people.

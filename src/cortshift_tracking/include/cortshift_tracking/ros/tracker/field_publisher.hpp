@@ -14,9 +14,9 @@ namespace cortshift_tracking {
 /// Publishes (latched):
 ///   /shift/field [cortshift_msgs/DisplacementField], /shift/points [sensor_msgs/PointCloud2]
 ///   /shift/markers [visualization_msgs/MarkerArray]
-///   /shift/overlay_before, /shift/overlay_after, /shift/magnitude, /shift/gravity, /shift/normal, /shift/lateral
-///   [sensor_msgs/Image] bgr8; gravity only where it is known
-///   /shift/own_points [sensor_msgs/PointCloud2] with own_points: displacements of the earlier surface's own points
+///   /shift/outline, /shift/overlay_before, /shift/overlay_after, /shift/magnitude, /shift/gravity, /shift/normal,
+///   /shift/lateral [sensor_msgs/Image] bgr8; gravity only where it is known /shift/own_points
+///   [sensor_msgs/PointCloud2] with own_points: displacements of the earlier surface's own points
 class FieldPublisher {
  public:
   FieldPublisher(const ShiftTrackerParameters& parameters, ros::NodeHandle& node);
@@ -29,8 +29,8 @@ class FieldPublisher {
  private:
   const double arrow_spacing_;  // [m]
   const bool with_own_points_;
-  ros::Publisher field_, points_, markers_, overlay_before_, overlay_after_, magnitude_, gravity_, normal_, lateral_,
-      own_points_;
+  ros::Publisher field_, points_, markers_, outline_, overlay_before_, overlay_after_, magnitude_, gravity_, normal_,
+      lateral_, own_points_;
 };
 
 }  // namespace cortshift_tracking

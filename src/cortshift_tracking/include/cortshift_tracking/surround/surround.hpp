@@ -1,0 +1,66 @@
+// What does not move tells where tracking was wrong: bone around the craniotomy is fixed to the clamp that the
+// reference frame hangs on, so that the rigid motion that it seems to make is the difference of two poses' errors.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "cortshift_tracking/field/displacement_field.hpp"
+#include "cortshift_tracking/field/exclusion.hpp"
+#include "cortshift_tracking/surround/pose_uncertainty.hpp"
+
+namespace cortshift_tracking {
+
+enum class SurroundMode { kOff, kCheck, kCorrect };
+
+struct SurroundSettings {
+  SurroundMode mode = SurroundMode::kCorrect;
+  double pose_translation_sd = 0.00025;      ///< of one pose where nothing better is known [m], 0 ... 0.01
+  double pose_rotation_sd = 0.0017;          ///< the same [rad], 0 ... 0.1
+  std::vector<PoseErrorSource> calibration;  ///< what every pose of a camera is off by in common, of calibration files
+
+  /// @throws TrackingError naming the setting, its value and the allowed range.
+  void validate() const;
+};
+
+/// What a pair of stages is known to be besides its surfaces.
+struct PairKnowledge {
+  std::optional<PlacedCamera> earlier, later;  ///< empty: the cameras' poses are not known
+  std::vector<Region> brain;  ///< as drawn by hand on the earlier stage, in its projection frame; empty: not drawn
+};
+
+enum class SurroundFinding {
+  kOff,       ///< nobody asked
+  kUnseen,    ///< no bone in view, or too little
+  kUnclear,   ///< refused as evidence: it contradicts itself, or says too little
+  kAgrees,    ///< tracking and surround agree
+  kDisagrees  ///< they do not: `motion` is what they disagree by
+};
+
+struct Surround {
+  SurroundFinding finding = SurroundFinding::kOff;
+  bool corrected = false;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< [pmr, m] of the field
+  Vector6 motion = Vector6::Zero();  ///< about the centre; of the surround as tracked, where it was fitted
+  Eigen::Isometry3d transform = Eigen::Isometry3d::Identity();  ///< the same: as tracked = transform * as it is
+  Matrix6 tracking = Matrix6::Zero();    ///< covariance that tracking alone leaves, about the centre
+  Matrix6 covariance = Matrix6::Zero();  ///< what is left of it in the field
+  double area = 0;                       ///< of the surround that was used [m^2]
+  std::vector<PoseErrorShare> sources;   ///< what `tracking` is made of
+  double vector_sd = 0;               ///< root mean square error of single vectors, as seen on the surround [m]; 0: not
+  double size = 0;                    ///< root mean square length of the motion over the field [m]
+  std::string text;                   ///< for people: what was found and done
+  std::vector<std::string> warnings;  ///< what a person should know before believing the field
+};
+
+/// Judges a field. Nothing of it is changed.
+Surround assessSurround(const DisplacementField& field, const PairKnowledge& knowledge,
+                        const SurroundSettings& settings = {});
+
+/// Takes the motion out: what was at `transform` * p ends at p. @param starts, displacements CV_32FC3 [pmr, m]
+void takeOut(const Eigen::Isometry3d& transform, const cv::Mat& starts_pmr, cv::Mat& displacements_pmr);
+
+}  // namespace cortshift_tracking

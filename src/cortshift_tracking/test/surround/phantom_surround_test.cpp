@@ -1,0 +1,130 @@
+// What does not move, on fields from rendered pairs of a head that nothing was chosen on: drifts of the tracker are
+// taken out, a field of exact tracking stays bit for bit as it was, and the outline is that of the brain.
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <cstring>
+#include <memory>
+
+#include "cortshift_stereo/geometry/point_transform.hpp"
+#include "cortshift_stereo/reconstruction.hpp"
+#include "cortshift_stereo_phantom/phantom_renderer.hpp"
+#include "cortshift_tracking/shift.hpp"
+#include "cortshift_tracking_phantom/field_truth.hpp"
+
+namespace cortshift_tracking {
+namespace {
+
+using namespace cortshift_stereo_phantom;
+
+constexpr const char* kLater = "shift_8_mm";
+
+class PhantomSurround : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    PhantomCase description = loadPhantomCase(std::string(BENCHMARK_CASES) + "/shift_clean.yaml");
+    description.head.seed = 1611;
+    scene_ = std::make_shared<const PhantomScene>(description);
+    PhantomPairs pairs(scene_);
+    first_ = seen(pairs, 0);
+    later_ = seen(pairs, scene_->stageIndex(kLater));
+  }
+  static void TearDownTestSuite() { scene_.reset(); }
+
+  static cortshift_stereo::Surface seen(PhantomPairs& pairs, int stage) {
+    const cortshift_stereo::Rectifier rectifier(scene_->stereoHead().model);
+    const StereoImages images = pairs.take(stage, 1);
+    cortshift_stereo::Surface surface = reconstruct(images.left, images.right, rectifier).surface_left;
+    surface.points = cortshift_stereo::transformPoints(scene_->view(stage, Side::kLeft).T_pmr_camera, surface.points);
+    return surface;
+  }
+
+  static PairKnowledge cameras() {
+    const std::vector<PoseErrorSource> tracker{{"tracker", "configured", 0.00025, 0.0017, false}};
+    return {PlacedCamera{scene_->view(0, Side::kLeft).T_pmr_camera, tracker},
+            PlacedCamera{scene_->view(scene_->stageIndex(kLater), Side::kLeft).T_pmr_camera, tracker},
+            {}};
+  }
+
+  static ShiftResult shiftUnder(const Eigen::Isometry3d& drift, SurroundMode mode = SurroundMode::kCorrect) {
+    ShiftSettings settings;
+    settings.frame.resolution = 0.0002;
+    settings.surround.mode = mode;
+    cortshift_stereo::Surface later = later_;
+    later.points = cortshift_stereo::transformPoints(drift, later_.points);
+    return computeShift(first_, later, {averageNormal(first_), std::nullopt}, settings, {}, cameras());
+  }
+
+  static cortshift_tracking_phantom::FieldError errorOf(const ShiftResult& result) {
+    return cortshift_tracking_phantom::compareWithTruth(result.field, *scene_, 0, scene_->stageIndex(kLater), 5);
+  }
+
+  static std::shared_ptr<const PhantomScene> scene_;
+  static cortshift_stereo::Surface first_, later_;
+};
+
+std::shared_ptr<const PhantomScene> PhantomSurround::scene_;
+cortshift_stereo::Surface PhantomSurround::first_, PhantomSurround::later_;
+
+TEST_F(PhantomSurround, ExactTrackingLeavesEveryBitOfTheFieldAsItWas) {
+  const Eigen::Isometry3d exact = Eigen::Isometry3d::Identity();
+  const ShiftResult with = shiftUnder(exact), without = shiftUnder(exact, SurroundMode::kOff);
+  EXPECT_THAT(with.summary.surround, testing::HasSubstr("agrees with tracking"));
+  EXPECT_FALSE(with.summary.correction);
+  const cv::Mat &a = with.field.displacement_pmr, &b = without.field.displacement_pmr;
+  ASSERT_EQ(a.size(), b.size());
+  EXPECT_EQ(std::memcmp(a.data, b.data, a.total() * a.elemSize()), 0);
+}
+
+TEST_F(PhantomSurround, DriftsAreTakenOutAndTheUncertaintySaysSo) {
+  const double ways[] = {0.0005, 0.0015}, turns[] = {0.1, 0.4};  // [m], [degrees]
+  for (int i = 0; i < 2; ++i) {
+    const Eigen::Vector3d middle = scene_->pointAt(0, 0, 0),
+                          way = ways[i] * Eigen::Vector3d(1, i, 0.5 - 2 * i).normalized();
+    const Eigen::Isometry3d drift =
+        Eigen::Translation3d(middle + way) *
+        Eigen::AngleAxisd(turns[i] * M_PI / 180, Eigen::Vector3d(i - 1, 1, -i).normalized()) *
+        Eigen::Translation3d(-middle);
+    const ShiftResult result = shiftUnder(drift);
+    ASSERT_TRUE(result.summary.correction) << result.summary.surround;
+    const auto error = errorOf(result);
+    std::printf("%s: median %.3f, 95 %% %.3f mm; common %.3f\n", result.summary.surround.c_str(), 1e3 * error.median,
+                1e3 * error.p95, 1e3 * result.summary.common_sd);
+    EXPECT_LT(error.median, 0.00012);  // without the correction it is the drift, 0.5 mm at least
+    EXPECT_LT(error.p95, 0.00035);
+    EXPECT_LT((result.summary.correction->transform_pmr * middle - drift * middle).norm(),
+              3 * result.summary.common_sd + 0.00001);
+    EXPECT_GE(result.summary.budget.size(), 3u);
+  }
+}
+
+TEST_F(PhantomSurround, TheOutlineIsThatOfTheBrain) {
+  const ShiftResult result = shiftUnder(Eigen::Isometry3d::Identity());
+  ASSERT_FALSE(result.field.brain.empty()) << result.summary.outline;
+  const ProjectionFrame& frame = result.field.frame;
+  double both = 0, either = 0;
+  double count = 0, magnitude = 0;
+  for (int row = 0; row < frame.size.height; row += 2)
+    for (int column = 0; column < frame.size.width; column += 2) {
+      const float height = result.earlier.height.at<float>(row, column);
+      if (std::isnan(height)) continue;
+      const Eigen::Vector3d point =
+          frame.T_pmr_projection * Eigen::Vector3d(column * frame.resolution, row * frame.resolution, height);
+      const auto tissue = scene_->materialOf(point, 0);
+      const bool truly = tissue && scene_->rimDistance(tissue->material[0], tissue->material[1]) > 0;
+      const bool said = result.field.brain.at<uchar>(row, column) != 0;
+      both += truly && said ? 1 : 0;
+      either += truly || said ? 1 : 0;
+      const cv::Vec3f& d = result.field.displacement_pmr.at<cv::Vec3f>(row, column);
+      if (!truly || std::isnan(d[0])) continue;
+      magnitude += cv::norm(d);
+      ++count;
+    }
+  std::printf("intersection over union %.3f, brain's mean %.3f of the truth\n", both / either,
+              result.summary.brain.magnitude.mean / (magnitude / count));
+  EXPECT_GT(both / either, 0.93);
+  EXPECT_NEAR(result.summary.brain.magnitude.mean / (magnitude / count), 1, 0.03);
+}
+
+}  // namespace
+}  // namespace cortshift_tracking
