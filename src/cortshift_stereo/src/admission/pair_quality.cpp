@@ -166,7 +166,7 @@ RowVerdict judgeRows(const RowAgreement& rows, const PairLimits& limits) {
     found.refuse(CheckId::kNoMatch, "The match",
                  "rests on only " + std::to_string(rows.matched) + " points found in both images, at least " +
                      std::to_string(kFewestPoints) + " are needed to trust the pair",
-                 "check that both images show the same scene");
+                 "check that both images show the same scene, and the calibration");
     return verdict;
   }
   constexpr double kPlainlyBetter = 0.5, kLeastGap = 0.5;  // [px]
