@@ -27,7 +27,14 @@ class ParameterReader {
 
   /// A text out of `allowed` (empty: any text).
   void choice(const std::string& key, std::string& value, const std::vector<std::string>& allowed = {}) {
-    optional(key, value);
+    bool flag = false;
+    if (source_.has(key) && source_.get(key, flag)) {  // off and on without quotes: YAML makes them false and true
+      known_.insert(key);
+      value = flag ? "on" : "off";
+      log_ << " " << key << "=" << value;
+    } else {
+      optional(key, value);
+    }
     if (allowed.empty()) return;
     std::string list;
     for (const std::string& option : allowed) {
