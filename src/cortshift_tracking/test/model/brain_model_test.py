@@ -84,14 +84,15 @@ class BrainModelTest(unittest.TestCase):
         files = os.listdir(os.path.join(self.folder.name, 'brain_model', 'first__second'))
         self.assertIn('updated_mr.nii.gz', files)
         valid = np.isfinite(self.points[..., 0])
-        start, moved = 0.985 * self.points[valid][::40], self.moved[valid][::40]
+        # 4 mm below the surface: the border of so coarse a mesh cuts corners.
+        start, moved = 0.95 * self.points[valid][::40], self.moved[valid][::40]
         located = self.locate([Point(*p) for p in [*start, (0.3, 0, 0)]])
         known = np.frombuffer(bytes(located.known), np.uint8).astype(bool)
         self.assertFalse(known[-1])
         now = np.array([[p.x, p.y, p.z] for p in located.now])[:-1]
         error = np.linalg.norm(now - start - moved, axis=1)[known[:-1]]
-        self.assertGreater(known[:-1].mean(), 0.7)
-        self.assertLess(np.median(error), 0.0008)
+        self.assertGreater(known[:-1].mean(), 0.95)
+        self.assertLess(np.median(error), 0.0002)
 
     def updated(self, to_key):
         """The answer to ~update once the field has come to the node."""
