@@ -275,9 +275,9 @@ def test_parameters_are_checked(recorded, tmp_path, config, key, value, reason):
 
 
 def test_parameters_count(recorded, tmp_path, config):
-    config('shift_tracker.yaml', 'resolution', 0.0008)
-    config('shift_tracker.yaml', 'surround', False)   # what YAML makes of off without quotes
-    process(recorded[0], tmp_path / 'out', config=config('shift_tracker.yaml', 'gravity', [0, -1, 0]))
+    for key, value in (('resolution', 0.0008), ('surround', False), ('gravity', [0, -1, 0])):   # False: off, by YAML
+        folder = config('shift_tracker.yaml', key, value)
+    process(recorded[0], tmp_path / 'out', config=folder)
     field = read_field(tmp_path / 'out' / FIELD)
     assert field.resolution == 0.0008 and np.isfinite(field.summary.gravity_mean) and 'surround: off' in field.summary.surround
 
