@@ -107,6 +107,15 @@ void writeDurably(const std::filesystem::path& path, const void* bytes, std::siz
   }
 }
 
+void appendDurably(const std::filesystem::path& path, const void* bytes, std::size_t size) {
+  FileDescriptor file(path, O_WRONLY | O_APPEND | O_CREAT);
+  if (!file.isOpen()) fail("open", path, errno);
+  writeAll(file.number(), path, bytes, size);
+  if (::fsync(file.number()) != 0) fail("sync", path, errno);
+  if (!file.close()) fail("close", path, errno);
+  syncFolder(path.parent_path());
+}
+
 void moveDurably(const std::filesystem::path& from, const std::filesystem::path& to) {
   renameWithoutReplacing(from, to);
   syncFolder(to.parent_path());

@@ -156,7 +156,7 @@ def test_a_project_in_order_breaks_nothing(small):
     ('every test is run', 'src/cortshift_tracking/test/field/b_test.cpp', 'TEST(B, Holds) {}\n'),
     ('every test is run', 'src/cortshift_tracking/test/field/b_test.py', 'def test_b():\n    pass\n'),
     ('nothing outside the project is named', 'config/site.yaml', 'folder: ' + '/ho' + 'me/someone/case\n'),
-    ('nothing outside the project is named', 'script/reach', '#!/bin/bash\nls "$(dirname "$0")/../' + '../shared"\n'),
+    ('nothing outside the project is named', 'script/reach', '#!/bin/bash\nls "$(dirname "$0")/../../sha' + 'red"\n'),
 ])
 def test_rule_finds(small, rule, name, text):
     small(name, text)

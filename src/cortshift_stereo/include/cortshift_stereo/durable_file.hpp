@@ -32,6 +32,9 @@ void writeDurably(const std::filesystem::path& path, const void* bytes, std::siz
 /// @throws FileError; then the old content is still there, unless the folder could not be synced
 void replaceDurably(const std::filesystem::path& path, const void* bytes, std::size_t size);
 
+/// Adds to the end of a file, which is made where there is none. @throws FileError; a part may have been added then
+void appendDurably(const std::filesystem::path& path, const void* bytes, std::size_t size);
+
 /// Renames within one file system without replacing anything and syncs both folders. @throws FileError
 void moveDurably(const std::filesystem::path& from, const std::filesystem::path& to);
 

@@ -30,6 +30,8 @@ namespace {
 using cortshift_stereo_phantom::PhantomScene;
 using cortshift_stereo_phantom::Side;
 
+const ros::Duration kShortAgo(0.2);  // poses of that time have arrived, from before it and from after it
+
 const PhantomScene& scene() {
   static const PhantomScene value(cortshift_stereo_phantom::loadPhantomCase(CORTSHIFT_TEST_DIR "/small_phantom.yaml"));
   return value;
@@ -180,7 +182,8 @@ TEST(StereoDriver, noFreelyRunningPairIsTakenInMotion) {
   const Pairs pairs;
   const Transforms transforms;
   // What was exposed before this listener heard its first pose cannot be looked up.
-  ASSERT_TRUE(eventually([&] { return transforms.buffer.canTransform("pmr", "left_optical", ros::Time(0)); }));
+  ASSERT_TRUE(
+      eventually([&] { return transforms.buffer.canTransform("pmr", "left_optical", ros::Time::now() - kShortAgo); }));
   const std::size_t first = pairs.left.size() + 1;
   ASSERT_TRUE(setStage("first").success);
   ASSERT_TRUE(setStage("second").success);
@@ -207,7 +210,8 @@ TEST(StereoDriver, settingsFollowTheStageAndAreLatched) {
 TEST(StereoDriver, probeTipRestsOnTheSurface) {
   ASSERT_TRUE(setStage("first").success);
   const Transforms transforms;
-  ASSERT_TRUE(eventually([&] { return transforms.buffer.canTransform("pmr", "probe_tip", ros::Time(0)); }));
+  ASSERT_TRUE(
+      eventually([&] { return transforms.buffer.canTransform("pmr", "probe_tip", ros::Time::now() - kShortAgo); }));
   const auto fired = call<cortshift_msgs::TriggerCapture>("/stereo_driver/trigger");
   const Eigen::Isometry3d tip = transforms.lookup("pmr", "probe_tip", fired.stamp);
   EXPECT_LT((tip.translation() - scene().pointAt(0, 0.004, 0.002)).norm(), 1e-9);

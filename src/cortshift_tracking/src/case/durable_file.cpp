@@ -27,6 +27,10 @@ void writeDurably(const std::filesystem::path& path, const void* bytes, std::siz
   refusing([&] { cortshift_stereo::writeDurably(path, bytes, size); });
 }
 
+void appendDurably(const std::filesystem::path& path, const void* bytes, std::size_t size) {
+  refusing([&] { cortshift_stereo::appendDurably(path, bytes, size); });
+}
+
 void moveDurably(const std::filesystem::path& from, const std::filesystem::path& to) {
   refusing([&] { cortshift_stereo::moveDurably(from, to); });
 }

@@ -1,14 +1,11 @@
 #include "cortshift_tracking/ros/tracker/case_services.hpp"
 
-#include <fcntl.h>
 #include <ros/console.h>
-#include <unistd.h>
 
-#include <cerrno>
-#include <cstring>
 #include <ctime>
 #include <functional>
 
+#include "cortshift_tracking/case/durable_file.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
 
@@ -48,14 +45,8 @@ std::string utc(const ros::WallTime& time) {
 
 /// Adds a line to the case's log; it is on the disk when this returns. @throws TrackingError
 void log(const std::filesystem::path& folder, const std::string& line) {
-  const std::filesystem::path path = folder / "case_log.txt";
   const std::string text = utc(ros::WallTime::now()) + " " + line + "\n";
-  const int file = ::open(path.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC, 0644);
-  const bool written =
-      file >= 0 && ::write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && ::fsync(file) == 0;
-  const int reason = errno;
-  if (file >= 0) ::close(file);
-  if (!written) throw TrackingError("cannot write " + path.string() + ": " + std::strerror(reason));
+  appendDurably(folder / "case_log.txt", text.data(), text.size());
 }
 
 }  // namespace
