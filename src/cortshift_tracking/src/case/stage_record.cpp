@@ -43,6 +43,16 @@ void addTransforms(StageRecord& record, const PoseAt& pose_at, std::string& rema
 
 }  // namespace
 
+std::string placeRecord(StageRecord& record, const PoseAt& pose_at) {
+  std::string remarks;
+  addTransforms(record, pose_at, remarks);
+  record.info.registration = registrationOf(record.tf_static);
+  record.info.provenance.software = cortshift_stereo::softwareVersion();
+  record.info.provenance.configuration = record.parameters.empty() ? "" : cortshift_stereo::sha256(record.parameters);
+  record.info.provenance.calibration = calibrationOf(record);
+  return remarks;
+}
+
 std::string completeStage(StageRecord& record, const PoseAt& pose_at) {
   const cortshift_stereo::Surface surface = cortshift_stereo::surfaceFromPointCloud2(*record.surface);
   averageNormal(surface);  // a surface that no shift can be computed from is refused now
@@ -59,12 +69,7 @@ std::string completeStage(StageRecord& record, const PoseAt& pose_at) {
     record.info.settings.header.stamp = record.info.stamp;
     record.info.settings.magnification = record.info.settings.focal_length = kUnknown;
   }
-  addTransforms(record, pose_at, remarks);
-  record.info.registration = registrationOf(record.tf_static);
-  record.info.provenance.software = cortshift_stereo::softwareVersion();
-  record.info.provenance.configuration = record.parameters.empty() ? "" : cortshift_stereo::sha256(record.parameters);
-  record.info.provenance.calibration = calibrationOf(record);
-  return remarks;
+  return remarks + placeRecord(record, pose_at);
 }
 
 }  // namespace cortshift_tracking

@@ -16,10 +16,12 @@ using cortshift_stereo::surfaceFromPointCloud2;
 namespace {
 
 std::string named(const cortshift_msgs::StageInfo& stage) {
+  if (stage.key.empty()) return "now";
   return "'" + stage.key + "' (epoch " + std::to_string(stage.epoch) + ")";
 }
 
-/// What makes the difference of two stages no movement of the brain; nothing: they are of one epoch.
+}  // namespace
+
 std::optional<std::string> changeBetween(const cortshift_msgs::StageInfo& earlier,
                                          const cortshift_msgs::StageInfo& later) {
   const std::string between = " changed between " + named(earlier) + " and " + named(later) +
@@ -28,11 +30,10 @@ std::optional<std::string> changeBetween(const cortshift_msgs::StageInfo& earlie
   if (!sameRegistration(earlier.registration, later.registration)) return "the patient registration" + between;
   if (!sameCalibration(earlier, later))
     return "the calibration (camera_info, the hand-eye or the stereo edge)" + between;
-  if (earlier.epoch != later.epoch) return "the patient registration or the calibration" + between;
+  if (!later.key.empty() && earlier.epoch != later.epoch)
+    return "the patient registration or the calibration" + between;
   return std::nullopt;
 }
-
-}  // namespace
 
 std::vector<std::string> warningsOf(const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to) {
   std::vector<std::string> warnings;

@@ -2,15 +2,17 @@
 import base64
 import csv
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import rosbag
+from cortshift_msgs.msg import ShiftSummary
 
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.export import write_field
 from cortshift_tracking.case.field_bag import summarise, to_message
-from cortshift_tracking.case.messages import Field
+from cortshift_tracking.case.messages import Field, Provenance, field_from_message
 from offline_tools import run_tool
 
 KEYS = ('before', 'after')
@@ -164,6 +166,36 @@ def test_tool(tmp_path):
     (tmp_path / 'no.bag').write_bytes(b'nonsense')
     _, said = run_tool('export_field', tmp_path / 'no.bag', outputs[0], status=1)
     assert 'damaged, or not a bag' in said
+
+
+def test_warnings_and_provenance_go_with_the_field(tmp_path):
+    plain = make_field()
+    doubt = 'stage \'after\': "rows" do not agree,\nby 1.2 px'
+    field = replace(plain, uncertainty=np.where(plain.valid, 0.0003, np.nan).astype(np.float32),
+                    provenance=Provenance('1.0 (abc)', 'c' * 64, 'd' * 64),
+                    summary=ShiftSummary(warnings=[doubt, 'another']))
+    said = {'software': '1.0 (abc)', 'configuration': 'c' * 64, 'calibration': 'd' * 64,
+            'warnings': 'stage \'after\': "rows" do not agree, by 1.2 px | another'}
+    # Through a bag, as the tool reads it.
+    field = field_from_message(to_message(field, field.summary))
+    assert field.remarks == said
+    for ending in ('npz', 'csv', 'vtp', 'ply'):
+        write_field(str(tmp_path / f'field.{ending}'), field)
+    with np.load(str(tmp_path / 'field.npz')) as arrays:
+        assert {name: str(arrays[name]) for name in said} == said
+        np.testing.assert_array_equal(arrays['uncertainty'], field.uncertainty)
+        assert sorted(arrays['documentation'][:, 0]) == sorted(arrays.files)
+    with open(tmp_path / 'field.csv', encoding='utf-8', newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == field.valid.sum()
+    assert all({name: row[name] for name in said} == said and float(row['uncertainty_m']) == pytest.approx(3e-4) for row in rows)
+    root = ElementTree.parse(tmp_path / 'field.vtp').getroot()
+    strings = {node.get('Name'): bytes(map(int, node.text.split())).rstrip(b'\0').decode() for node in root.iter('Array')}
+    assert {name: strings[name] for name in said} == said
+    assert any(node.get('Name') == 'uncertainty' for node in root.iter('DataArray'))
+    header, elements = read_ply(tmp_path / 'field.ply')
+    assert all(f'comment {name} {text}' in header for name, text in said.items())
+    np.testing.assert_allclose(elements['vertex']['uncertainty'], 0.3, rtol=1e-6)
 
 
 def test_unknown_ending(tmp_path):

@@ -8,7 +8,8 @@ import model_head as head
 import nibabel
 import numpy as np
 import pytest
-from cortshift_tracking.case.messages import Field
+from cortshift_msgs.msg import ShiftSummary
+from cortshift_tracking.case.messages import Field, Provenance
 from cortshift_tracking.model.brain import ModelError, load_model, save_model
 from cortshift_tracking.model.case_update import located, update_case, write_update
 from cortshift_tracking.model.mesh import quality
@@ -26,7 +27,8 @@ def field_of(points, displacement, frame=np.eye(3), from_key='pmr', confidence=0
     T[:3, :3], T[:3, 3] = frame, head.CRANIOTOMY
     valid = np.isfinite(points[..., 0])
     return Field(from_key, 'after', 1.0, 2.0, T, 0.0005, points, np.where(valid[..., None], displacement, np.nan),
-                 np.full(points.shape, 128, np.uint8), np.where(valid, confidence, np.nan), None)
+                 np.full(points.shape, 128, np.uint8), np.where(valid, confidence, np.nan),
+                 ShiftSummary(warnings=['the rows do not agree']), provenance=Provenance('1.0', 'c', 'd'))
 
 
 @pytest.fixture(scope='module', params=[('RAS', 0.0), ('LPS', 0.3)], ids=['RAS', 'LPS oblique'])
@@ -147,6 +149,9 @@ def test_files_are_what_was_said(made, updated, tmp_path):
     assert {name.name for name in tmp_path.iterdir()} == {'updated_mr.nii.gz', 'labels_now.nii.gz', 'now_from_pmr.nrrd', 'pmr_from_now.nrrd',
                                                           'summary.json'}
     summary = json.loads((tmp_path / 'summary.json').read_text())
+    assert 'the rows do not agree' in summary['warnings']
+    assert summary['made_with']['field'] == {'software': '1.0', 'configuration': 'c', 'calibration': 'd'}
+    assert summary['made_with']['software']
     assert summary['labels']['tumour']['value'] == 1
     assert 0 < summary['labels']['tumour']['centre_shift_mm'] < 9
     header = (tmp_path / 'pmr_from_now.nrrd').read_bytes().split(b'\n\n')[0].decode()

@@ -11,7 +11,9 @@ import numpy as np
 import rospy
 import rostest
 from cortshift_msgs.msg import DisplacementField
-from geometry_msgs.msg import Point32, Polygon
+from geometry_msgs.msg import Point32, Polygon, TransformStamped
+from sensor_msgs.msg import CameraInfo
+from tf2_msgs.msg import TFMessage
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 from graph import Diagnostics, TrackerProcess, field_arrays, wait_until  # noqa: E402
@@ -64,6 +66,50 @@ class LiveState(unittest.TestCase):
         self.assertTrue(np.isfinite(holed).any())
         self.assertTrue(self.tracker.exclude_regions('drawn_on', []).success)
         self.assertTrue(np.isfinite(self.live_field()[middle, middle]).all())
+
+    def test_another_calibration_is_no_movement(self):
+        placed = rospy.Publisher('/tf_static', TFMessage, queue_size=1, latch=True)
+        infos = [rospy.Publisher(f'/stereo/{side}/camera_info', CameraInfo, queue_size=4) for side in ('left', 'right')]
+        edges = [TransformStamped(child_frame_id=child) for child in ('reference', 'microscope', 'left_optical', 'right_optical')]
+        for edge, parent in zip(edges, ('pmr', 'reference', 'microscope', 'left_optical')):
+            edge.header.frame_id, edge.transform.rotation.w = parent, 1
+        placed.publish(TFMessage(edges))
+        wait_until(lambda: all(p.get_num_connections() for p in infos), 30, 'the subscriptions of camera_info')
+
+        def send(focal):
+            info = CameraInfo(width=640, height=480, distortion_model='plumb_bob', K=[focal, 0, 320, 0, focal, 240, 0, 0, 1])
+            info.header.stamp = rospy.Time.now()
+            for publisher in infos:
+                publisher.publish(info)
+            return self.surfaces.send(0.001)
+
+        def captured():
+            send(800)
+            stage = self.tracker.capture_stage('calibrated', '').stage
+            if stage.provenance.calibration:
+                return True
+            self.tracker.delete_stage('calibrated')  # what it was taken with had not arrived yet
+            return False
+
+        def follow():
+            began = rospy.Time.now()
+            wait_until(lambda: send(800) and self.fields and self.fields[-1].to_stamp >= began, 60, 'a field of the same calibration')
+
+        def refused():
+            send(801)
+            return 'the calibration (camera_info' in self.diagnostics.values(STATE).get('live_trouble', '')
+        wait_until(captured, 30, 'a stage of known calibration')
+        self.assertTrue(self.tracker.track('calibrated', True).success)
+        follow()
+        self.assertEqual(self.fields[-1].provenance.calibration, self.tracker.list_stages().stages[-1].provenance.calibration)
+        wait_until(refused, 60, 'the refusal of another calibration')
+        self.diagnostics.wait_for(STATE, live='on', live_trouble="changed between 'calibrated'")
+        count = len(self.fields)
+        send(801)
+        self.diagnostics.wait_for(STATE, live='on', live_trouble="changed between 'calibrated'")
+        self.assertEqual(len(self.fields), count)
+        follow()
+        self.assertTrue(self.tracker.track('', False).success)
 
     def test_a_stage_that_is_deleted_ends_it(self):
         self.capture('gone')

@@ -8,6 +8,10 @@
 
 namespace cortshift_tracking {
 
+/// Fills the transforms of a record that has info.stamp, parameters and what is known of the pair, and what follows from
+/// them: camera pose, registration, provenance. @returns as completeStage
+std::string placeRecord(StageRecord& record, const cortshift_stereo::PoseAt& pose_at);
+
 /// Fills info (but for the epoch, which the store counts) and transforms of a record that has info.key, info.note,
 /// info.stamp, surface, parameters and what is known of the pair. What info.warnings says already stays.
 /// @returns what a person should know about what is missing; each remark begins with "; "

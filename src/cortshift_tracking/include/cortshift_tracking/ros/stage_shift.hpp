@@ -28,6 +28,11 @@ struct StageShift {
   ShiftResult result;
 };
 
+/// What makes the difference of two stages no movement of the brain; nothing: they are of one epoch.
+/// @param later  also a surface that is no stage: it has no key and no epoch of its own
+std::optional<std::string> changeBetween(const cortshift_msgs::StageInfo& earlier,
+                                         const cortshift_msgs::StageInfo& later);
+
 /// The warnings of both stages, each with its key; a surface that is no stage has none.
 std::vector<std::string> warningsOf(const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to);
 

@@ -1,8 +1,10 @@
 """Writes a Field as a bag with a DisplacementField on /shift/field, as process_bag does."""
+from dataclasses import asdict
+
 import numpy as np
 import rosbag
 import rospy
-from cortshift_msgs.msg import DisplacementField, ShiftSummary
+from cortshift_msgs.msg import DisplacementField, Provenance, ShiftSummary
 from sensor_msgs.msg import PointCloud2, PointField
 
 from cortshift_tracking.durable import replacing
@@ -33,17 +35,21 @@ def summarise(field, overlap, seconds, first_normal_pmr, gravity_pmr=None, warni
 def to_message(field, summary):
     message = DisplacementField(from_key=field.from_key, to_key=field.to_key, from_stamp=rospy.Time.from_sec(field.from_stamp),
                                 to_stamp=rospy.Time.from_sec(field.to_stamp), resolution=field.resolution,
-                                summary=summary)
+                                summary=summary, provenance=Provenance(**asdict(field.provenance)))
     message.header.frame_id, message.header.stamp = 'pmr', message.to_stamp
     message.projection = pose_message(field.T_pmr_projection)
     colour = field.colour.astype(np.uint32)
     packed = (colour[..., 0] << 16 | colour[..., 1] << 8 | colour[..., 2]).astype(np.uint32).view(np.float32)
     columns = [*np.moveaxis(field.start, -1, 0), *np.moveaxis(field.displacement, -1, 0),
                np.where(field.valid, packed, np.float32(np.nan)), field.confidence]
+    names = ['x', 'y', 'z', 'dx', 'dy', 'dz', 'rgb', 'confidence']
+    if field.uncertainty is not None:
+        columns.append(field.uncertainty)
+        names.append('uncertainty')
     cloud = PointCloud2(header=message.header, height=field.confidence.shape[0], width=field.confidence.shape[1],
                         point_step=4 * len(columns), is_dense=False)
     cloud.fields = [PointField(name, 4 * n, PointField.FLOAT32, 1)
-                    for n, name in enumerate(('x', 'y', 'z', 'dx', 'dy', 'dz', 'rgb', 'confidence'))]
+                    for n, name in enumerate(names)]
     cloud.row_step = cloud.point_step * cloud.width
     cloud.data = np.stack([np.asarray(c, np.float32) for c in columns], -1).tobytes()
     message.points = cloud

@@ -1,5 +1,5 @@
 """ROS messages to numpy: the border between bags and the cores."""
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -34,6 +34,19 @@ def _vectors(arrays, *names):
 
 
 @dataclass(frozen=True)
+class Provenance:
+    """What a result was made with and from, as cortshift_msgs/Provenance; an empty text: not known."""
+    software: str = ''
+    configuration: str = ''
+    calibration: str = ''
+
+
+def _provenance(message):
+    said = getattr(message, 'provenance', None)  # messages of earlier versions have none
+    return Provenance() if said is None else Provenance(said.software, said.configuration, said.calibration)
+
+
+@dataclass(frozen=True)
 class Stage:
     """A captured surface. points (H, W, 3) in pmr [m], NaN where none; colour (H, W, 3) uint8 RGB; confidence (H, W) 0-1.
 
@@ -50,6 +63,7 @@ class Stage:
     path: str = ''
     warnings: tuple = ()
     epoch: int = 0   # of the patient registration and calibration; 0: not known
+    provenance: Provenance = Provenance()
 
 
 def stage_from_messages(info, cloud, path=''):
@@ -62,7 +76,7 @@ def stage_from_messages(info, cloud, path=''):
         info.camera_pose.orientation.w
     return Stage(info.key, info.note, info.stamp.to_sec(), points, colour, confidence,
                  pose_matrix(info.camera_pose) if known else None, info.coverage, path, tuple(info.warnings),
-                 info.epoch)
+                 info.epoch, _provenance(info))
 
 
 @dataclass(frozen=True)
@@ -86,6 +100,14 @@ class Field:
     strain_major: np.ndarray = None
     strain_minor: np.ndarray = None
     uncertainty: np.ndarray = None   # (H, W) [m]: root mean square length expected of the error; None: not known
+    provenance: Provenance = Provenance()
+
+    @property
+    def remarks(self):
+        """What goes with the field into every file: name to text, of what is known of its provenance and its warnings."""
+        warnings = [] if self.summary is None else self.summary.warnings
+        said = {**asdict(self.provenance), 'warnings': ' | '.join(' '.join(warning.split()) for warning in warnings)}
+        return {name: text for name, text in said.items() if text}
 
     @property
     def from_mr(self):
@@ -131,4 +153,4 @@ def field_from_message(message):
                  pose_matrix(message.projection), message.resolution, _vectors(arrays, 'x', 'y', 'z'), displacement,
                  arrays.get('rgb', np.full(displacement.shape, 128, np.uint8)),
                  arrays.get('confidence', np.ones(displacement.shape[:2], np.float32)), message.summary,
-                 arrays.get('strain_major'), arrays.get('strain_minor'), arrays.get('uncertainty'))
+                 arrays.get('strain_major'), arrays.get('strain_minor'), arrays.get('uncertainty'), _provenance(message))

@@ -33,10 +33,11 @@ def write(path, field, axes):
     page = ('<?xml version="1.0"?>\n'
             '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt32">\n<PolyData>\n<FieldData>\n'
             + _text('SPACE', axes) + _text('unit', 'mm') + _text('from_key', field.from_key) + _text('to_key', field.to_key)
-            + f'</FieldData>\n<Piece NumberOfPoints="{len(vectors)}" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" '
+            + ''.join(_text(name, value) for name, value in field.remarks.items()) + f'</FieldData>\n<Piece NumberOfPoints="{len(vectors)}" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" '
             f'NumberOfPolys="{len(triangles)}">\n<PointData Vectors="displacement" Scalars="magnitude">\n'
             + _array('displacement', vectors) + _array('magnitude', np.linalg.norm(vectors, axis=1).astype('<f4'))
             + _array('confidence', field.confidence[place].astype('<f4'))
+            + ('' if field.uncertainty is None else _array('uncertainty', (1000 * field.uncertainty[place]).astype('<f4')))
             + _array('colour', np.asarray(field.colour[place], 'u1'))
             + '</PointData>\n<Points>\n' + _array('Points', (1000 * field.start[place]).astype('<f4'))
             + '</Points>\n<Polys>\n' + _array('connectivity', triangles.astype('<i4').ravel())

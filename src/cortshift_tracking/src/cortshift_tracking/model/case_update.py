@@ -2,7 +2,7 @@
 import json
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from scipy.ndimage import binary_erosion
@@ -14,6 +14,7 @@ from cortshift_tracking.model.update import bin_field, update
 from cortshift_tracking.model.warp import labels_now, warped, warps_of, write_nrrd
 from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
+from cortshift_tracking.software import software_version
 
 NOW_FROM_PMR = 'now_from_pmr: at each point of the preoperative MR the vector to where its tissue is now'
 PMR_FROM_NOW = 'pmr_from_now: at each point of now the vector to where its tissue was in the preoperative MR; warps the MR to now'
@@ -65,7 +66,7 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
     now_from_pmr, pmr_from_now = warps_of(model, result, volume)
     moved = Volume(warped(volume, pmr_from_now), volume.T_pmr_voxel, volume.axes, volume.source)
     now_labels = labels_now(model, volume, pmr_from_now, labels)
-    warnings = list(result.warnings)
+    warnings = [*(() if field.summary is None else field.summary.warnings), *result.warnings]
     if field.from_key != MR_KEY:
         warnings.append(f'the field begins at stage "{field.from_key}": what the brain moved from the MR until then is not in it')
     if now_from_pmr.least_stretch() <= 0 or pmr_from_now.least_stretch() <= 0:
@@ -76,7 +77,8 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
                'residual_at_surface_mm': _number(result.residual * 1000), 'largest_displacement_mm': _number(length.max()),
                'resected_mm3': _number(model.mesh.volumes[gone].sum() * 1e9), 'skull_patches_pressing': _number(result.pressing),
                'labels': {name: {'value': number, **moved_label(model, result, label)} for number, (name, label) in enumerate(labels.items(), 1)},
-               'warnings': warnings, 'model': model.provenance}
+               'warnings': warnings, 'model': model.provenance,
+               'made_with': {'software': software_version(), 'field': asdict(field.provenance)}}
     return Updated(result, moved, now_labels, now_from_pmr, pmr_from_now, summary)
 
 

@@ -90,6 +90,13 @@ def budget(field):
             f'<p class="small">Root mean square lengths; what all vectors have in common: {1000 * summary.common_sd:.3f} mm.</p>')
 
 
+def made_with(field):
+    """Software, parameters and calibration of a field; the hashes in full stand in its bag."""
+    told = ', '.join(f'{name} {text(value[:12] if name != "software" else value)}' for name, value in field.remarks.items()
+                     if name != 'warnings')
+    return f'<p class="small">Made with: {told}.</p>' if told else ''
+
+
 def pair(case, field):
     """Pictures and alignment of one field."""
     name = f'{field.from_key} \u2192 {field.to_key}'
@@ -112,6 +119,7 @@ def pair(case, field):
         parts.append(picture(figures.confidence_figure(field), f'confidence of {name}', 'Confidence'))
         return '\n'.join(parts)
     parts.append(budget(field))
+    parts.append(made_with(field))
     parts.append(picture(figures.trust_figure(field), f'confidence and strain of {name}', 'Confidence and strain'))
     median, high, common, count = immobile_misalignment(field)
     parts.append(f'<p class="small">Alignment of what should not move: the border of the field (4 mm wide, {count} points) moves by '

@@ -23,7 +23,8 @@ constexpr double kGrace = 2.0;           // [s] for an answer that the reconstru
 }  // namespace
 
 Capturing::Capturing(const ShiftTrackerParameters& parameters, OpenCase& open, Placement& placement,
-                     const SurfaceFeed& feed, Activity& activity, ros::NodeHandle& data, ros::NodeHandle& services)
+                     const SurfaceFeed& feed, const PairHistory& pairs, Activity& activity, ros::NodeHandle& data,
+                     ros::NodeHandle& services)
     : timeout_(parameters.capture_timeout),
       max_surface_age_(parameters.max_surface_age),
       configuration_(
@@ -31,8 +32,8 @@ Capturing::Capturing(const ShiftTrackerParameters& parameters, OpenCase& open, P
       case_(open),
       placement_(placement),
       feed_(feed),
+      pairs_(pairs),
       activity_(activity),
-      pairs_(data),
       trigger_(data.serviceClient<cortshift_msgs::TriggerCapture>(kTrigger), "the driver",
                "check the cameras, and the network where the driver runs on another machine"),
       average_(data.serviceClient<cortshift_msgs::AveragePairs>(kAverage), "the reconstruction",

@@ -7,6 +7,7 @@
 
 #include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/stage_record.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
 #include "cortshift_tracking/ros/run_folder.hpp"
@@ -17,6 +18,7 @@ namespace {
 
 constexpr std::chrono::milliseconds kLook(200);   // for a new surface, before looking whether to go on
 constexpr std::chrono::milliseconds kPause(500);  // after the stage could not be made ready
+const ros::WallDuration kPoseWait(0.05);          // for tracker samples that are behind the surface made with them
 
 /// The stage that the live mode started from is not there any more.
 class StageIsGone : public TrackingError {
@@ -33,13 +35,14 @@ void requireThere(const StageStore& store, const cortshift_msgs::StageInfo& from
 
 }  // namespace
 
-LiveTracking::LiveTracking(const ShiftTrackerParameters& parameters, OpenCase& open, const Placement& placement,
-                           const SurfaceFeed& feed, FieldPublisher& publisher, Activity& activity,
-                           ros::NodeHandle& services)
+LiveTracking::LiveTracking(const ShiftTrackerParameters& parameters, OpenCase& open, Placement& placement,
+                           const SurfaceFeed& feed, const PairHistory& pairs, FieldPublisher& publisher,
+                           Activity& activity, ros::NodeHandle& services)
     : settings_(parameters.shift),
       case_(open),
       placement_(placement),
       feed_(feed),
+      pairs_(pairs),
       publisher_(publisher),
       activity_(activity),
       track_(services.advertiseService("track", &LiveTracking::onTrack, this)) {
@@ -108,6 +111,19 @@ LiveTracking::Report LiveTracking::report() const {
   return report_;
 }
 
+/// Of a surface that is no stage: what a stage of it would say of pose, registration and calibration.
+cortshift_msgs::StageInfo LiveTracking::stateAt(const ros::Time& stamp) const {
+  StageRecord record;
+  record.info.stamp = stamp;
+  pairs_.fillCalibration(record);
+  placeRecord(record, [this](const std::string& target, const std::string& source, const ros::Time& at) {
+    return placement_.poses.lookup(target, source, at, kPoseWait);
+  });
+  record.info.registration = placement_.registration.newest();  // of a later time too: it makes the stage a wrong start
+  record.info.warnings.clear();  // a pose that is not known is told by the surface's own status
+  return record.info;
+}
+
 void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
   std::optional<Reference> reference;
   std::vector<Region> excluded;  // in the reference
@@ -127,11 +143,10 @@ void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
       prepare();
       const sensor_msgs::PointCloud2ConstPtr surface = feed_.inbox().waitForNewer(seen, kLook);
       if (!surface) continue;
-      prepare();                     // what was excluded during the wait counts already
-      cortshift_msgs::StageInfo to;  // a surface that is no stage has no key
-      to.stamp = surface->header.stamp;
-      if (!sameRegistration(from.registration, placement_.registration.newest()))
-        throw TrackingError("the patient registration has changed since this stage; track from one of the new epoch");
+      prepare();  // what was excluded during the wait counts already
+      cortshift_msgs::StageInfo to = stateAt(surface->header.stamp);
+      if (const auto change = changeBetween(from, to))
+        throw TrackingError(*change + "; capture a stage and track from that");
       const std::lock_guard<std::mutex> guard(case_.computing);
       const Directions directions = case_.directions();
       ShiftResult result =

@@ -38,6 +38,11 @@ void PairHistory::fill(StageRecord& record) const {
   record.right = right_.at(stamp);
   record.left_compressed = left_compressed_.at(stamp);
   record.right_compressed = right_compressed_.at(stamp);
+  fillCalibration(record);
+}
+
+void PairHistory::fillCalibration(StageRecord& record) const {
+  const ros::Time& stamp = record.info.stamp;
   record.left_info = left_info_.before(stamp);  // published with each pair, or once
   record.right_info = right_info_.before(stamp);
   record.settings = settings_.before(stamp);

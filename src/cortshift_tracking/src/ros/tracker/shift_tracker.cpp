@@ -16,11 +16,12 @@ ShiftTracker::ShiftTracker(const ShiftTrackerParameters& parameters, const ros::
       case_(parameters),
       placement_(parameters, data_.node),
       feed_(data_.node),
+      pairs_(data_.node),
       publisher_(parameters, data_.node),
-      capturing_(parameters, case_, placement_, feed_, activity_, data_.node, captures_.node),
+      capturing_(parameters, case_, placement_, feed_, pairs_, activity_, data_.node, captures_.node),
       shifts_(parameters, case_, feed_, publisher_, activity_, computing_.node),
       services_(case_, questions_.node),
-      live_(parameters, case_, placement_, feed_, publisher_, activity_, questions_.node),
+      live_(parameters, case_, placement_, feed_, pairs_, publisher_, activity_, questions_.node),
       health_(parameters, case_, placement_, feed_, activity_, live_, data_.node) {
   // Only now: a request finds everything in place.
   for (Lane* lane : {&data_, &captures_, &computing_, &questions_}) lane->spinner.start();

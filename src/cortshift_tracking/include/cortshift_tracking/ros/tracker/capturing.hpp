@@ -25,7 +25,6 @@ namespace cortshift_tracking {
 /// One capture at a time, since each may fire the trigger: while one is under way another is refused at once.
 ///
 /// Parameters: capture_timeout [s], max_surface_age [s]
-/// Subscribes: what PairHistory needs
 /// Services: ~capture_stage, ~capture_mean_stage. They wait, and need a queue of their own with two threads.
 /// Calls: /stereo_driver/trigger, where there is one; /surface_reconstruction/average_pairs for means
 class Capturing {
@@ -33,7 +32,7 @@ class Capturing {
   /// @param data  node whose callbacks go on while a capture waits
   /// @param services  private node of the services
   Capturing(const ShiftTrackerParameters& parameters, OpenCase& open, Placement& placement, const SurfaceFeed& feed,
-            Activity& activity, ros::NodeHandle& data, ros::NodeHandle& services);
+            const PairHistory& pairs, Activity& activity, ros::NodeHandle& data, ros::NodeHandle& services);
 
  private:
   bool onCapture(cortshift_msgs::CaptureStage::Request& request, cortshift_msgs::CaptureStage::Response& response);
@@ -59,8 +58,8 @@ class Capturing {
   OpenCase& case_;
   Placement& placement_;
   const SurfaceFeed& feed_;
+  const PairHistory& pairs_;
   Activity& activity_;
-  PairHistory pairs_;
   BoundedCall<cortshift_msgs::TriggerCapture> trigger_;
   BoundedCall<cortshift_msgs::AveragePairs> average_;
 

@@ -13,6 +13,7 @@
 #include "cortshift_tracking/ros/tracker/activity.hpp"
 #include "cortshift_tracking/ros/tracker/field_publisher.hpp"
 #include "cortshift_tracking/ros/tracker/open_case.hpp"
+#include "cortshift_tracking/ros/tracker/pair_history.hpp"
 #include "cortshift_tracking/ros/tracker/placement.hpp"
 #include "cortshift_tracking/ros/tracker/surface_feed.hpp"
 
@@ -25,8 +26,8 @@ namespace cortshift_tracking {
 /// Services: ~track
 class LiveTracking {
  public:
-  LiveTracking(const ShiftTrackerParameters& parameters, OpenCase& open, const Placement& placement,
-               const SurfaceFeed& feed, FieldPublisher& publisher, Activity& activity, ros::NodeHandle& services);
+  LiveTracking(const ShiftTrackerParameters& parameters, OpenCase& open, Placement& placement, const SurfaceFeed& feed,
+               const PairHistory& pairs, FieldPublisher& publisher, Activity& activity, ros::NodeHandle& services);
   ~LiveTracking();
 
   struct Report {
@@ -42,12 +43,14 @@ class LiveTracking {
   void begin(const cortshift_msgs::StageInfo& from);
   void goOn();
   void run(const cortshift_msgs::StageInfo& from);
+  cortshift_msgs::StageInfo stateAt(const ros::Time& stamp) const;
   void say(bool on, const std::string& from, const std::string& trouble);
 
   ShiftSettings settings_;
   OpenCase& case_;
-  const Placement& placement_;
+  Placement& placement_;
   const SurfaceFeed& feed_;
+  const PairHistory& pairs_;
   FieldPublisher& publisher_;
   Activity& activity_;
 

@@ -65,6 +65,9 @@ class PairHistory {
   /// Puts what was seen of the pair at record.info.stamp into the record; what was not stays null.
   void fill(StageRecord& record) const;
 
+  /// The same without the images.
+  void fillCalibration(StageRecord& record) const;
+
  private:
   StampedHistory<sensor_msgs::Image> left_, right_;
   StampedHistory<sensor_msgs::CompressedImage> left_compressed_, right_compressed_;

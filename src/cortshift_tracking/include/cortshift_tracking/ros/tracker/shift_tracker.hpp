@@ -13,6 +13,7 @@
 #include "cortshift_tracking/ros/tracker/health.hpp"
 #include "cortshift_tracking/ros/tracker/live_tracking.hpp"
 #include "cortshift_tracking/ros/tracker/open_case.hpp"
+#include "cortshift_tracking/ros/tracker/pair_history.hpp"
 #include "cortshift_tracking/ros/tracker/placement.hpp"
 #include "cortshift_tracking/ros/tracker/shift_requests.hpp"
 #include "cortshift_tracking/ros/tracker/surface_feed.hpp"
@@ -41,6 +42,7 @@ class ShiftTracker {
   Activity activity_;
   Placement placement_;
   SurfaceFeed feed_;
+  PairHistory pairs_;
   FieldPublisher publisher_;
   Capturing capturing_;
   ShiftRequests shifts_;
