@@ -8,8 +8,8 @@
 
 namespace cortshift_tracking {
 
-/// Fills the transforms of a record that has info.stamp, parameters and what is known of the pair, and what follows from
-/// them: camera pose, registration, provenance. @returns as completeStage
+/// Fills the transforms of a record that has info.stamp, parameters and what is known of the pair, and what follows
+/// from them: camera pose, registration, provenance. @returns as completeStage
 std::string placeRecord(StageRecord& record, const cortshift_stereo::PoseAt& pose_at);
 
 /// Fills info (but for the epoch, which the store counts) and transforms of a record that has info.key, info.note,
