@@ -1,6 +1,7 @@
 """Paths in launch files and scripts: with blanks and letters of any language, and as seen from the folder of the caller."""
 import os
 import pathlib
+import shlex
 import shutil
 import subprocess
 
@@ -49,6 +50,16 @@ def test_no_path_is_a_word_of_a_command_line(place):
         _, config = parameters(launch, f'{argument}:=a file.yaml', 'rviz:=true' if launch != 'capture_pc' else 'record:=true', *more)
         for node in config.nodes:
             assert 'a file' not in node.args, f'{launch} {node.name}: {node.args}'
+
+
+def test_the_other_machine_finds_its_environment(place):
+    """roslaunch puts env-loader into a command line of that machine's shell."""
+    for folder in ('launch', 'script', 'config'):
+        shutil.copytree(ROOT / folder, place / folder)
+    launch = str(place / 'launch/two_machines.launch')
+    config = roslaunch.config.load_config_default([(launch, [])], port=None, assign_machines=False)
+    loader, = shlex.split(config.machines['compute_pc'].env_loader)
+    assert pathlib.Path(loader).samefile(place / 'script/machine')
 
 
 def test_live_graphs_set_the_clock_that_a_replay_leaves_behind():
