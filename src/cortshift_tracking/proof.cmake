@@ -1,7 +1,7 @@
 # Python of this package: probe, preoperative MR, validation, report; and its tests.
 catkin_python_setup()
-catkin_install_python(PROGRAMS scripts/brain_model scripts/case_report scripts/digital_phantom scripts/prepare_model scripts/probe
-  scripts/register_mr scripts/update_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+catkin_install_python(PROGRAMS scripts/brain_model scripts/case_report scripts/deidentify scripts/digital_phantom
+  scripts/prepare_model scripts/probe scripts/register_mr scripts/update_mr DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   cortshift_test(mr_admission_test pytest quick 300 FILES test/mr/admission_test.py)
@@ -16,6 +16,7 @@ if(CATKIN_ENABLE_TESTING)
     get_filename_component(name ${test}_test NAME)
     cortshift_test(${name} pytest long 1200 FILES test/${test}_test.py)
   endforeach()
+  cortshift_test(deidentify_test pytest long 1200 FILES test/deidentify/deidentify_test.py DEPENDS process_bag recompute)
   cortshift_test(brain_model_test rostest graph 900 FILES test/model/brain_model.test)
   cortshift_test(probe_node_test rostest graph 900 FILES test/probe/probe_node.test)
   cortshift_test(demo_test pytest graph 900 FILES test/graph/demo_test.py DEPENDS shift_tracker field_error)
