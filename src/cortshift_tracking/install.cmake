@@ -5,6 +5,6 @@ set(share ${CATKIN_PACKAGE_SHARE_DESTINATION})
 install(DIRECTORY ${top}/config ${top}/doc ${top}/launch ${top}/workflow DESTINATION ${share})
 install(FILES ${top}/README.md ${top}/CHANGELOG.md ${top}/LICENSE DESTINATION ${share})
 install(FILES ${top}/script/environment DESTINATION ${share}/script)
-install(PROGRAMS ${top}/script/absolute_path ${top}/script/cohort ${top}/script/machine ${top}/script/preflight
+install(PROGRAMS ${top}/script/absolute_path ${top}/script/cohort ${top}/script/deidentify ${top}/script/machine ${top}/script/preflight
   ${top}/script/supervise DESTINATION ${share}/script)
 install(DIRECTORY phantom/include/${PROJECT_NAME}_phantom/ DESTINATION ${CATKIN_GLOBAL_INCLUDE_DESTINATION}/${PROJECT_NAME}_phantom)

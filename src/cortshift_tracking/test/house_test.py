@@ -62,6 +62,7 @@ PYTHON_ROOMS = {
     'mr': {'top', 'case'},
     'report': {'top', 'case', 'mr', 'probe'},
     'cohort': {'top', 'case', 'report'},
+    'deidentify': {'top', 'case', 'mr', 'probe', 'report'},
     'export': {'top', 'case'},
     'console': {'top', 'case'},
     'theatre': {'top', 'case'},

@@ -119,7 +119,7 @@ def test_woodbury_is_the_model_without_those_elements(made):
     from cortshift_tracking.model.update import UpdateSettings, _Condensed
     model = made[0]
     resected = model.tissue == 1
-    known = _Condensed(model, [], None, resected, UpdateSettings())
+    known = _Condensed(model, [], None, resected, UpdateSettings(), np.zeros(0, int))
     force = np.zeros((len(known.compliance), 1))
     force[2] = 1e-3
     found = known.everywhere(force)[:, 0]

@@ -3,6 +3,7 @@ import numpy as np
 import rosbag
 import rospy
 from cortshift_msgs.msg import DisplacementField, ShiftSummary
+from geometry_msgs.msg import Point32, Polygon
 from sensor_msgs.msg import PointCloud2, PointField
 
 from cortshift_tracking.durable import replacing
@@ -36,6 +37,7 @@ def to_message(field, summary):
                                 summary=summary)
     message.header.frame_id, message.header.stamp = 'pmr', message.to_stamp
     message.projection = pose_message(field.T_pmr_projection)
+    message.brain = [Polygon([Point32(x, y, 0) for x, y in polygon]) for polygon in field.brain]
     colour = field.colour.astype(np.uint32)
     packed = (colour[..., 0] << 16 | colour[..., 1] << 8 | colour[..., 2]).astype(np.uint32).view(np.float32)
     columns = [*np.moveaxis(field.start, -1, 0), *np.moveaxis(field.displacement, -1, 0),

@@ -2,6 +2,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.path import Path
 
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.poses import pose_matrix
@@ -86,6 +87,7 @@ class Field:
     strain_major: np.ndarray = None
     strain_minor: np.ndarray = None
     uncertainty: np.ndarray = None   # (H, W) [m]: root mean square length expected of the error; None: not known
+    brain: tuple = ()                # polygons (N, 2) around the exposed brain in the projection's x and y [m]; (): not known
 
     @property
     def from_mr(self):
@@ -98,6 +100,15 @@ class Field:
     @property
     def normal_pmr(self):
         return self.T_pmr_projection[:3, 2]
+
+    def on_brain(self, points_pmr):
+        """Whether points (..., 3) lie over the exposed brain; all do where its outline is not known."""
+        points = np.asarray(points_pmr)
+        if not self.brain:
+            return np.ones(points.shape[:-1], bool)
+        local = (points - self.T_pmr_projection[:3, 3]).reshape(-1, 3) @ self.T_pmr_projection[:3, :2]
+        inside = np.any([Path(polygon).contains_points(local) for polygon in self.brain], axis=0)
+        return inside.reshape(points.shape[:-1])
 
     def at(self, point_pmr, reach=0.0005):
         """Displacement (3,) [m] of the surface at a point: linear between grid points, else the nearest within `reach` [m].
@@ -131,4 +142,5 @@ def field_from_message(message):
                  pose_matrix(message.projection), message.resolution, _vectors(arrays, 'x', 'y', 'z'), displacement,
                  arrays.get('rgb', np.full(displacement.shape, 128, np.uint8)),
                  arrays.get('confidence', np.ones(displacement.shape[:2], np.float32)), message.summary,
-                 arrays.get('strain_major'), arrays.get('strain_minor'), arrays.get('uncertainty'))
+                 arrays.get('strain_major'), arrays.get('strain_minor'), arrays.get('uncertainty'),
+                 tuple(np.array([[corner.x, corner.y] for corner in polygon.points]) for polygon in message.brain if len(polygon.points) > 2))

@@ -37,12 +37,15 @@ def check_mr(model, volume):
 
 
 def check_epochs(model, epochs):
-    """Raises ModelError where the stages of a field, key to epoch, are of several patient registrations, or not of the model's."""
-    known = {key: epoch for key, epoch in epochs.items() if epoch}
-    if model.provenance.get('epoch'):
+    """Raises ModelError where the stages of a field, key to epoch, are of several patient registrations, or not of the model's.
+
+    0: not known, as in stages of old versions. Beside a known one it may be another; where none is known, `update_case` warns.
+    """
+    known = dict(epochs)
+    if model.provenance.get('epoch') is not None:   # of a model that was made of no stage there is none
         known['of the model'] = model.provenance['epoch']
     if len(set(known.values())) > 1:
-        told = ', '.join(f'{key}: {epoch}' for key, epoch in known.items())
+        told = ', '.join(f'{key}: {epoch or "not known"}' for key, epoch in known.items())
         raise ModelError(f'patient registration or calibration changed between them (epochs {told}); capture both stages in one epoch, and '
                          'prepare the model from a stage of it')
 
@@ -53,19 +56,25 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
     check_mr(model, volume)
     check_epochs(model, epochs or {})
     confidence = np.nan_to_num(field.confidence)
-    start = np.where((confidence > 0)[..., None], field.start, np.nan).reshape(-1, 3)
+    # Bone and drape do not pull: the brain slides below them.
+    start = np.where(((confidence > 0) & field.on_brain(field.start))[..., None], field.start, np.nan).reshape(-1, 3)
     uncertainty = getattr(field, 'uncertainty', None)
-    pulls = bin_field(model, start, field.displacement.reshape(-1, 3), None if uncertainty is None else uncertainty.ravel())
+    pulls = bin_field(model, start, field.displacement.reshape(-1, 3), None if uncertainty is None else uncertainty.ravel(),
+                      common=float(np.nan_to_num(getattr(field.summary, 'common_sd', 0.0))))
     gone = np.zeros(len(model.tissue), bool)
     if resected is not None:
         gone = np.nan_to_num(resected.sample(model.mesh.nodes[model.mesh.tetrahedra].mean(1))) > 0.5
         if not gone.any():
             raise ModelError(f'{resected.source}: the resected part holds nothing of the brain; give a volume in the space of the MR')
-    result = update(model, pulls, gravity, gone)
+    result = update(model, pulls, gravity, gone, exposed=field.on_brain)
     now_from_pmr, pmr_from_now = warps_of(model, result, volume)
     moved = Volume(warped(volume, pmr_from_now), volume.T_pmr_voxel, volume.axes, volume.source)
     now_labels = labels_now(model, volume, pmr_from_now, labels)
     warnings = list(result.warnings)
+    if not field.brain:
+        warnings.append('the outline of the exposed brain is not known: vectors of bone and drape pull too; draw it with set_outline')
+    if epochs and not any(epochs.values()):
+        warnings.append('the epochs of the stages are not known, so that it is not checked whether the patient registration changed')
     if field.from_key != MR_KEY:
         warnings.append(f'the field begins at stage "{field.from_key}": what the brain moved from the MR until then is not in it')
     if now_from_pmr.least_stretch() <= 0 or pmr_from_now.least_stretch() <= 0:

@@ -68,7 +68,14 @@ def weights_of_nodes(nodes, tetrahedra, share=1.0):
 def swelling(nodes, tetrahedra, lame, share):
     """Nodal forces (3N,) [N] of a volume strain of 1 in the given share of each tetrahedron."""
     pressure = (lame[:, 0] + 2 / 3 * lame[:, 1]) * share * volumes(nodes, tetrahedra)
-    return _gather(nodes, tetrahedra, gradients(nodes, tetrahedra) * pressure[:, None, None])
+    return gather(nodes, tetrahedra, gradients(nodes, tetrahedra) * pressure[:, None, None])
+
+
+def smooth_noise(places, length, count, random):
+    """Draws (N, count) at places (N, 3) that are alike over `length`; their variance at one place, averaged over places, is 1."""
+    index = ((places - places.min(0)) / length + random.uniform(0, 1, 3)).T
+    coarse = random.standard_normal((count, *np.ceil(index.max(1) + 2).astype(int)))
+    return np.stack([map_coordinates(grid, index, order=1) for grid in coarse], -1) * 1.5 ** 1.5
 
 
 def random_forces(nodes, tetrahedra, lame, count, random, length=None):
@@ -91,10 +98,10 @@ def random_forces(nodes, tetrahedra, lame, count, random, length=None):
         noise, pressure = draw((3, 3)), draw(())
         stress = np.sqrt(lame[:, 1] / 2)[:, None, None] * (noise + noise.transpose(0, 2, 1))
         stress += (np.sqrt(lame[:, 0]) * pressure)[:, None, None] * np.eye(3)
-        forces[:, n] = _gather(nodes, tetrahedra, np.einsum('tij,taj->tai', stress * volume[:, None, None], slopes))
+        forces[:, n] = gather(nodes, tetrahedra, np.einsum('tij,taj->tai', stress * volume[:, None, None], slopes))
     return forces
 
 
-def _gather(nodes, tetrahedra, parts):
+def gather(nodes, tetrahedra, parts):
     """Sum of (T, 4, 3) at the nodes, (3N,)."""
     return np.stack([np.bincount(tetrahedra.ravel(), parts[..., n].ravel(), len(nodes)) for n in range(3)], -1).ravel()

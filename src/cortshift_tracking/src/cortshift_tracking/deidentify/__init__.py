@@ -1,0 +1,1 @@
+"""A case without what says whose it is, for handing on."""
