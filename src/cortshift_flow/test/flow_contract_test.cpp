@@ -117,7 +117,7 @@ TEST_P(EveryPreset, WhatIsMaskedDoesNotMatter) {
   EXPECT_TRUE(finite(clean.flow));
 }
 
-INSTANTIATE_TEST_SUITE_P(Presets, EveryPreset, testing::Values("default", "judged", "fast", "ji2014"));
+INSTANTIATE_TEST_SUITE_P(Presets, EveryPreset, testing::Values("default", "fast", "ji2014"));
 
 TEST(Images, OfEveryDepthAndChannelCountGiveTheSameFlow) {
   const PlanarPhantom& p = small();
