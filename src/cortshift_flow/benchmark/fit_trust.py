@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Fits what the confidence of the flow's preset "judged" makes of its evidence, or prints how reliable it is. script/fit_trust and script/benchmark flow trust
+"""Fits what the confidence of the flow makes of its evidence, or prints how reliable it is. script/fit_trust and script/benchmark flow trust
 run it.
 
 usage: fit_trust.py fit TOOLS HEADER [SET]     fits on SET (default fit), writes HEADER, prints figures of that set
@@ -92,11 +92,10 @@ def report(tools, folder):
     def judge(pair):
         kind, first, second, flow = pair
         with tempfile.TemporaryDirectory() as place:
-            paths = [str(pathlib.Path(place) / name) for name in ('first.png', 'second.png', 'out.flo', 'confidence.png', 'settings.yaml')]
-            pathlib.Path(paths[4]).write_text('preset: judged\n', encoding='utf-8')
+            paths = [str(pathlib.Path(place) / name) for name in ('first.png', 'second.png', 'out.flo', 'confidence.png')]
             for path, image in zip(paths, (first, second)):
                 cv2.imwrite(path, image)
-            subprocess.run([str(tools / 'flow_pair'), *paths[:3], '--confidence', paths[3], '--settings', paths[4], '--threads', '1'], check=True,
+            subprocess.run([str(tools / 'flow_pair'), *paths[:3], '--confidence', paths[3], '--threads', '1'], check=True,
                            stdout=subprocess.DEVNULL)
             error = np.hypot(*np.moveaxis(trust_pairs.read_flow(paths[2]) - flow, -1, 0))
             known = np.isfinite(error)

@@ -38,10 +38,8 @@ void write(std::ofstream& out, const Told& told) {
 void run(char** argv) {
   const cv::Mat first = cv::imread(argv[1]), second = cv::imread(argv[2]);
   checkImages(first, second, {}, {});
-  FlowSettings settings = FlowSettings::preset("judged");
-  settings.most_unsure = 0;
   std::vector<Told> told;
-  estimateFlow(prepareImages(first, second, {}, {}, 1), settings, 1, &told);
+  estimateFlow(prepareImages(first, second, {}, {}, 1), {}, 1, &told);
   std::ofstream out(argv[3], std::ios::binary);
   for (const Told& each : told) write(out, each);
   if (!out.flush()) throw std::runtime_error(std::string("cannot write ") + argv[3]);

@@ -28,6 +28,11 @@ constexpr int kPolishLevel = 2;          // from this level on the polish takes 
 constexpr int kStiffLinearisations = 2;  // of the first polish, whose start is too rough to show curvature
 constexpr int kConjugateGradients = 60;  // per linearisation
 constexpr float kAgreement = 1;          // of forward and backward flow [px of the level]
+// Share of pixels of which the smooth fit itself says that they are unsure beyond which it is no model of the scene:
+// seen on photographs of objects at many depths (BENCHMARK.md, aloe and motorcycle).
+constexpr float kNoModel = 0.33f;
+constexpr float kUnsure = 0.25f;    // an error beyond which a flow counts as unsure [px of the level]
+constexpr float kAdmitted = 0.99f;  // what a fit expects of itself where it knows that it is wrong [px]
 
 /// A polish, and what it compared.
 struct Fit {
@@ -73,15 +78,13 @@ cv::Mat1b findOccluded(const Level& level, const FlowBothWays& flow, const cv::M
 }
 
 /// Share of uncertain pixels, among the valid ones whose match lies inside the second image.
-/// @param counted  CV_8UC1, 0 where a pixel does not count, or empty
-float shareUnsure(const cv::Mat1f& error, const FlowPlanes& flow, const cv::Mat1b& counted = {}) {
-  constexpr float kUnsure = 0.25f;  // [px of the level]
+float shareUnsure(const cv::Mat1f& error, const FlowPlanes& flow) {
   int all = 0, unsure = 0;
   for (int y = 0; y < error.rows; y += 2)
     for (int x = 0; x < error.cols; x += 2) {
       const float px = static_cast<float>(x) + flow.u.row(y)[x], py = static_cast<float>(y) + flow.v.row(y)[x];
       if (!(px >= 0 && py >= 0 && px < static_cast<float>(error.cols) && py < static_cast<float>(error.rows))) continue;
-      if (std::isinf(error(y, x)) || (!counted.empty() && !counted(y, x))) continue;
+      if (std::isinf(error(y, x))) continue;
       ++all;
       unsure += error(y, x) > kUnsure;
     }
@@ -112,12 +115,14 @@ struct Judge {
     const cv::Mat1f& fit_error;
   };
 
-  cv::Mat1f operator()(const Candidate& candidate, FitKind kind) const {
-    const cv::Mat evidence = gatherEvidence({fit.images, fit.channel_weights, candidate.flow, candidate.backward,
+  /// @param evidence  if given, what it is judged by
+  cv::Mat1f operator()(const Candidate& candidate, FitKind kind, cv::Mat* evidence = nullptr) const {
+    const cv::Mat gathered = gatherEvidence({fit.images, fit.channel_weights, candidate.flow, candidate.backward,
                                              candidate.other, candidate.sound, candidate.fit_error},
                                             threads);
-    if (told) told->push_back({kind, candidate.flow, evidence});
-    return judgedError(evidence, kind, candidate.fit_error, threads);
+    if (told) told->push_back({kind, candidate.flow, gathered});
+    if (evidence) *evidence = gathered;
+    return judgedError(gathered, kind, candidate.fit_error, threads);
   }
 };
 
@@ -143,12 +148,25 @@ void adopt(const FlowPlanes& other, const cv::Mat1b& where, FlowPlanes& flow) {
       }
 }
 
-/// A fit that knows of itself that it is wrong (at a boundary, unlike its match) is believed, and so is what it says of
-/// places that the second image does not show: the images know no more.
-cv::Mat1f withAdmitted(const cv::Mat1f& judged, const cv::Mat1f& fit_error, const cv::Mat1b& visible) {
-  constexpr double kAdmitted = 0.99;  // what it says of such places [px], see trust/confidence.cpp
+/// The judgement of the smooth fit beside its own word: both must be satisfied, since each catches what the other
+/// misses (noise that bends the flow; a boundary; an extrapolation out of the image). Where something covers the tissue
+/// both are guesses, and their mean is right more often than the greater. Chosen on the set "choose" of
+/// benchmark/trust_pairs.py.
+/// @param occluded  CV_8UC1, not 0 where the second image shows other tissue
+cv::Mat1f smoothError(const cv::Mat1f& judged, const cv::Mat1f& fit_error, const cv::Mat1b& occluded) {
+  cv::Mat1f error(judged.size());
+  for (int y = 0; y < error.rows; ++y)
+    for (int x = 0; x < error.cols; ++x) {
+      const float of_images = judged(y, x), own = fit_error(y, x);
+      error(y, x) = occluded(y, x) && own < kAdmitted ? std::sqrt(of_images * own) : std::max(of_images, own);
+    }
+  return error;
+}
+
+/// The judgement of the piecewise fit, which is believed where it says itself that its two directions disagree.
+cv::Mat1f piecewiseError(const cv::Mat1f& judged, const cv::Mat1f& gap) {
   cv::Mat1f error = judged.clone();
-  cv::Mat1f(cv::max(judged, fit_error)).copyTo(error, (fit_error >= kAdmitted) | (visible == 0));
+  cv::Mat1f(cv::max(judged, gap)).copyTo(error, gap >= kAdmitted);
   return error;
 }
 
@@ -214,30 +232,32 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
   Estimate estimate;
   cv::Mat1f error = predictError(level, flow.forward, visible, fit.polished,
                                  static_cast<float>(settings.curvature * (1 << finest_level)), scale.suspect, threads);
-  // A piecewise fit only at full resolution: a preset that stops before it is chosen for its speed, and this fit is
-  // slow.
   if (settings.judge) {
     const Judge judge{fit, threads, told};
     const cv::Mat1b sound = regular & visible;
     const auto next = static_cast<std::size_t>(finest_level) + 1;
     const FlowPlanes second =
         secondOpinion(next < levels.size() ? levels[next] : halve(level, threads), flow.forward, settings, threads);
-    cv::Mat1f judged = judge({flow.forward, flow.backward, second, sound, error}, FitKind::kSmooth);
-    if (finest_level == 0 && shareUnsure(judged, flow.forward, visible) > static_cast<float>(settings.most_unsure)) {
+    cv::Mat evidence;
+    cv::Mat1f judged = judge({flow.forward, flow.backward, second, sound, error}, FitKind::kSmooth, &evidence);
+    const bool no_model = shareUnsure(error, flow.forward) > kNoModel;
+    // A piecewise fit only at full resolution: settings that stop before it are chosen for their speed.
+    if (finest_level == 0 && settings.most_unsure < 1 &&
+        (no_model || shareContradicted(evidence, judged) > static_cast<float>(settings.most_unsure) || told)) {
       const PiecewiseFlow other = piecewiseFlow(levels, start, finest_level, settings, threads);
       const cv::Mat1f piecewise =
           judge({other.flow.forward, other.flow.backward, flow.forward, other.agree, other.error}, FitKind::kPiecewise);
       judged = judge({flow.forward, other.flow.backward, other.flow.forward, sound, error}, FitKind::kSmoothOfTwo);
-      const cv::Mat1b better = wherePreferred(piecewise, judged);
+      const cv::Mat1b better = no_model ? cv::Mat1b(error.size(), uchar{1}) : wherePreferred(piecewise, judged);
       adopt(other.flow.forward, better, flow.forward);
-      piecewise.copyTo(judged, better);
-      other.error.copyTo(error, better);
+      error = smoothError(judged, error, occluded);
+      // Beside a fit that is no model of the scene the two do not check each other: the piecewise one's own word
+      // counts.
+      cv::Mat1f(no_model ? cv::Mat1f(cv::max(piecewise, other.error)) : piecewiseError(piecewise, other.error))
+          .copyTo(error, better);
+    } else {
+      error = smoothError(judged, error, occluded);
     }
-    error = withAdmitted(judged, error, visible);
-  } else if (finest_level == 0 && shareUnsure(error, flow.forward) > static_cast<float>(settings.most_unsure)) {
-    PiecewiseFlow other = piecewiseFlow(levels, start, finest_level, settings, threads);
-    flow.forward = std::move(other.flow.forward);
-    error = other.error;
   }
   estimate.confidence = confidenceFromError(error, finest_level, images.first.size(), threads);
   if (!images.first_valid.empty()) estimate.confidence.setTo(0, images.first_valid == 0);

@@ -56,6 +56,10 @@ cv::Mat readFlo(const std::string& path) {
   const auto height = static_cast<std::int32_t>(fromLittleEndian(&header[8]));
   if (width < 1 || height < 1 || width > kLargestSide || height > kLargestSide)
     throw std::runtime_error(path + ": the size in its header is not plausible");
+  // Twelve bytes may not ask for gigabytes.
+  const std::streamoff pixels = static_cast<std::streamoff>(width) * height * 8, begin = file.tellg();
+  if (!file.seekg(0, std::ios::end) || file.tellg() - begin < pixels || !file.seekg(begin))
+    throw std::runtime_error(path + " ends early");
   cv::Mat flow(height, width, CV_32FC2);
   std::vector<unsigned char> row(static_cast<std::size_t>(width) * 8);
   for (int y = 0; y < height; ++y) {

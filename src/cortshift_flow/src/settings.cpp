@@ -65,18 +65,14 @@ void readKey(const cv::FileNode& node, FlowSettings& settings) {
 
 }  // namespace
 
-std::vector<std::string> FlowSettings::presetNames() { return {"default", "judged", "fast", "ji2014"}; }
+std::vector<std::string> FlowSettings::presetNames() { return {"default", "fast", "ji2014"}; }
 
 FlowSettings FlowSettings::preset(const std::string& name) {
   FlowSettings settings;
   if (name == "default") return settings;
-  if (name == "judged") {
-    settings.judge = 1;
-    settings.most_unsure = 0.05;  // chosen on the sets "fit" and "choose" of benchmark/trust_pairs.py
-    return settings;
-  }
   if (name == "fast") {
     settings.finest_level = 1;
+    settings.judge = 0;  // its weights were fitted at full resolution
     settings.coarse_polish_iterations = 2;
     return settings;
   }

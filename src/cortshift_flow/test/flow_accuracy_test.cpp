@@ -118,20 +118,25 @@ TEST(Accuracy, Noise) {
   for (const auto& [name, bound] : {std::pair("noise2", 0.023), std::pair("noise5", 0.04)}) {
     const Figures f = figures(phantomOf(name));
     EXPECT_LT(f.core.median, bound) << name;
-    EXPECT_GT(f.confidence.kept, 0.9) << name;
-    EXPECT_GT(f.confidence.caught, 0.9) << name;
+    EXPECT_GT(f.confidence.kept, 0.86) << name;  // a part is hidden under the rim: right, but a guess
+    EXPECT_GT(f.confidence.caught, 0.98) << name;
   }
 }
 
 TEST(Accuracy, Brightness) {
-  EXPECT_LT(figures(phantomOf("gain")).core.median, 0.016);
-  EXPECT_LT(figures(phantomOf("vignette")).core.median, 0.034);
+  for (const auto& [name, bound] : {std::pair("gain", 0.016), std::pair("vignette", 0.034)}) {
+    const Figures f = figures(phantomOf(name));
+    EXPECT_LT(f.core.median, bound) << name;
+    EXPECT_GT(f.confidence.caught, 0.97) << name;
+  }
 }
 
 TEST(Accuracy, LargeMotion) {
   PlanarPhantomSettings settings = phantomCase("motion80", 3);
   settings.surround = Surround::kContinuing;
-  EXPECT_LT(figures(makePlanarPhantom(settings)).core.median, 0.015);
+  const Figures f = figures(makePlanarPhantom(settings));
+  EXPECT_LT(f.core.median, 0.015);
+  EXPECT_GT(f.confidence.caught, 0.95);
 }
 
 TEST(Accuracy, BloodHarmsOnlyWhatItHides) {

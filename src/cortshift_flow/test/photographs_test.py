@@ -76,5 +76,5 @@ def test_on_photographs_that_nothing_was_chosen_on(pairs, name, tmp_path):
     assert np.median(ours[case.known]) < 0.6 * best_median
     assert ours[case.known].mean() < 4.5 * best_mean
     assert ours[sure].mean() < best_where_sure
-    assert (case.confidence[wrong] < 0.5).mean() > 0.95
-    assert sure[right].mean() > 0.94
+    assert (case.confidence[wrong] < 0.5).mean() > 0.98
+    assert sure[right].mean() > 0.93

@@ -22,7 +22,7 @@ constexpr char kUsage[] =
     "\n"
     "  --mask M.png        8-bit, size of the images: pixels of FIRST that are 0 are excluded\n"
     "  --confidence C.png  write the confidence 0...1 as 8-bit 0...255 (128: 0.25 px of error expected)\n"
-    "  --settings F.yaml   settings, e.g. 'preset: fast' (presets: default, judged, fast, ji2014)\n"
+    "  --settings F.yaml   settings, e.g. 'preset: fast' (presets: default, fast, ji2014)\n"
     "  --threads N         worker threads (default: all); the result does not depend on it\n"
     "\n"
     "Exit: 0 done, 1 failed, 2 bad usage.\n";

@@ -35,19 +35,21 @@ struct FlowSettings {
   int full_polish_iterations = 2;    ///< and at full resolution
   int finest_level = 0;              ///< where the polish ends: 0 full resolution, 1 half, 2 a quarter
 
-  /// 1: the confidence follows from what the images say of the fitted flow (trust/judgement.hpp). 0: from the error
-  /// that the fit predicts of itself.
-  int judge = 0;
+  /// 1: the confidence follows from what the images say of the fitted flow (trust/judgement.hpp), and a piecewise
+  /// smooth flow is fitted beside the smooth one where that is needed. 0: from the error that the smooth fit predicts
+  /// of itself.
+  int judge = 1;
 
-  /// Share of unsure pixels beyond which one smooth surface is taken to be no model of the flow and a piecewise one is
-  /// fitted, several times as slow; 1: never. Only at full resolution. With `judge` of each region the better fit is
-  /// kept, otherwise the piecewise one replaces the other.
-  double most_unsure = 0.33;
+  /// Share of what is in view beyond which the piecewise flow is fitted as well, several times as slow: where the
+  /// smooth one is judged unsure although the images still ask for a clear step; 1: never. Of each region the better
+  /// one is kept, or the piecewise one throughout where the smooth fit says itself that it does not describe the scene.
+  /// Only at full resolution and with `judge`. Chosen on the sets "fit" and "choose" of benchmark/trust_pairs.py.
+  double most_unsure = 0.015;
 
   double search_range = 0.3;  ///< largest motion along an axis, as a share of the shorter side (kPolished)
 
-  /// The settings of a preset: "default"; "judged", the same with `judge`; "fast"; "ji2014", the paper's model with the
-  /// paper's parameters.
+  /// The settings of a preset: "default"; "fast", half the resolution and no `judge`; "ji2014", the paper's model with
+  /// the paper's parameters.
   /// @throws std::invalid_argument for any other name.
   static FlowSettings preset(const std::string& name);
   static std::vector<std::string> presetNames();

@@ -27,6 +27,21 @@ float logitOf(const float* cues, const FittedWeights& model) {
 
 }  // namespace
 
+float shareContradicted(const cv::Mat& evidence, const cv::Mat1f& error) {
+  constexpr float kClear = 2;           // a step of this multiple of its noise is the flow's fault
+  constexpr float kMostlyShown = 0.5f;  // share of a window
+  int shown = 0, contradicted = 0;
+  for (int j = 0; j < evidence.rows; ++j)
+    for (int i = 0; i < evidence.cols; ++i) {
+      const float* cue = evidence.ptr<float>(j) + static_cast<std::ptrdiff_t>(i) * kCues;
+      const float predicted = error(SplineGrid::kSpacing * j, SplineGrid::kSpacing * i);
+      if (std::isinf(predicted) || cue[kHidden] >= kMostlyShown) continue;
+      ++shown;
+      contradicted += predicted > kHalf && cue[kWideStep] > cue[kWideNoise] + std::log(kClear);
+    }
+  return shown > 0 ? static_cast<float>(contradicted) / static_cast<float>(shown) : 0.f;
+}
+
 cv::Mat1f judgedError(const cv::Mat& evidence, FitKind kind, const cv::Mat1f& fit_error, int threads) {
   const FittedWeights& model = kFittedWeights[static_cast<int>(kind)];
   const float scale = kHalf * std::sqrt(kRayleigh);

@@ -19,4 +19,10 @@ enum class FitKind {
 /// @param fit_error  per pixel [px]
 cv::Mat1f judgedError(const cv::Mat& evidence, FitKind kind, const cv::Mat1f& fit_error, int threads);
 
+/// Share of what is in view (0...1) whose flow is judged unsure while its windows ask for a step well above its noise:
+/// there another model may follow the images better. Where noise, blur or a lack of texture alone make it unsure,
+/// nothing is to be gained.
+/// @param error  of judgedError() with the same evidence
+float shareContradicted(const cv::Mat& evidence, const cv::Mat1f& error);
+
 }  // namespace cortshift_flow

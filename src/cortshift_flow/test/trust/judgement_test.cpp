@@ -88,6 +88,19 @@ TEST(Judgement, AFlowThatIsWrongIsKnownToBe) {
   }
 }
 
+TEST(Judgement, OnlyAStepAboveItsNoiseCallsForAnotherModel) {
+  const auto share = [](const Scene& scene, float error) {
+    return shareContradicted(scene.evidence(), cv::Mat1f(kSize, error));
+  };
+  EXPECT_GT(share(Scene(2, 1.4f), 0.5f), 0.9);
+  EXPECT_EQ(share(Scene(2, 1.4f), 0.2f), 0);  // off, but not judged unsure
+  EXPECT_EQ(share(Scene(2, 2), 0.5f), 0);     // unsure, but the images ask for nothing else
+  Scene hidden(2, 1.4f);
+  hidden.sound.setTo(0);
+  EXPECT_EQ(share(hidden, 0.5f), 0);
+  EXPECT_EQ(share(Scene(2, 1.4f), std::numeric_limits<float>::infinity()), 0);
+}
+
 TEST(Judgement, IsInfiniteWhereTheMaskExcludes) {
   Scene scene(2, 2);
   scene.fit_error(10, 20) = std::numeric_limits<float>::infinity();

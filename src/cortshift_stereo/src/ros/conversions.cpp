@@ -12,6 +12,7 @@
 
 #include "cortshift_stereo/geometry/lens.hpp"
 #include "cortshift_stereo/images/image_file.hpp"
+#include "cortshift_stereo/ros/image_layout.hpp"
 
 namespace cortshift_stereo {
 namespace {
@@ -49,7 +50,7 @@ uint32_t bytesOf(const PointField& f) {
 }
 
 void checkInside(const sensor_msgs::PointCloud2& cloud, const PointField& f) {
-  if (bytesOf(f) == 0 || f.offset + bytesOf(f) > cloud.point_step)
+  if (bytesOf(f) == 0 || uint64_t{f.offset} + bytesOf(f) > cloud.point_step)
     throw MessageError("PointCloud2: field " + f.name + " (type " + std::to_string(f.datatype) + " at offset " +
                        std::to_string(f.offset) + ") does not fit a point of " + std::to_string(cloud.point_step) +
                        " bytes; send float32");
@@ -243,8 +244,15 @@ sensor_msgs::CameraInfo toCameraInfo(const CameraModel& camera, const std_msgs::
   return info;
 }
 
+void requireWhole(const sensor_msgs::Image& image) {
+  if (uint64_t{image.step} * image.height > image.data.size())
+    throw MessageError(std::to_string(image.data.size()) + " bytes of data are too few for " +
+                       std::to_string(image.height) + " rows of " + std::to_string(image.step));
+}
+
 cv::Mat bgrFromImage(const sensor_msgs::Image& image) {
   try {
+    requireWhole(image);
     return bgrFromCvImage(*cv_bridge::toCvCopy(image));
   } catch (const std::exception& error) {  // cv_bridge throws its own types and OpenCV's
     throw MessageError("image " + std::to_string(image.width) + "x" + std::to_string(image.height) + " of encoding '" +

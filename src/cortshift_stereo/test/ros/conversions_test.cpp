@@ -132,6 +132,8 @@ TEST(Conversions, malformedCloudsAreRefusedByName) {
   bad = good;
   bad.fields[4].offset = 17;
   expectMessage([&] { surfaceFromPointCloud2(bad); }, "does not fit");
+  bad.fields[4].offset = 0xfffffffc;  // with its four bytes it ends at 0, in 32 bits
+  expectMessage([&] { surfaceFromPointCloud2(bad); }, "does not fit");
   bad = good;
   bad.data.pop_back();
   expectMessage([&] { surfaceFromPointCloud2(bad); }, "too few");
@@ -329,6 +331,14 @@ TEST(Conversions, brokenImagesAreRefusedByName) {
   image = *cv_bridge::CvImage(header(), "bgr8", patches()).toImageMsg();
   image.encoding = "nonsense";
   expectMessage([&] { bgrFromImage(image); }, "'nonsense'");
+  // Found by script/fuzz: two rows of 2^31 + 6 bytes are 12 in 32 bits.
+  image = sensor_msgs::Image();
+  image.encoding = "mono16";
+  image.width = 3;
+  image.height = 2;
+  image.step = 0x80000006;
+  image.data.resize(12);
+  expectMessage([&] { bgrFromImage(image); }, "12 bytes of data are too few for 2 rows of 2147483654");
   expectMessage([&] { bgrFromImage(sensor_msgs::Image()); }, "0x0");
 }
 

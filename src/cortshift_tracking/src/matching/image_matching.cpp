@@ -202,7 +202,9 @@ FlowResult look(const Pair& pair, const cv::Mat& guess, const cv::Mat& domain, b
                 const ImageMatchingSettings& settings) {
   cortshift_flow::FlowSettings flow = settings.flow;
   flow.curvature = 16 * pair.resolution * settings.bend;  // a second difference over 4 px [px]
-  flow.most_unsure = 1;  // shading makes all of it unsure on a coarse grid, but it remains one smooth surface
+  // One smooth surface, whose own word about its error is what probabilityOfMatch was fitted on; shading makes all of
+  // it unsure on a coarse grid.
+  flow.judge = 0;
   const double side = pair.resolution * std::min(pair.first.pattern.cols, pair.first.pattern.rows);
   flow.search_range = std::clamp((search ? settings.search : kRestSearch) / side, 0.01, 0.5);
   if (guess.empty())

@@ -10,6 +10,7 @@ import numpy as np
 import rospy
 import rostest
 import vtk
+from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import Image, PointField
 from vtk.util.numpy_support import vtk_to_numpy
 
@@ -122,7 +123,10 @@ class IgtlField(BridgeTest, unittest.TestCase):
 
     def test_faulty_field_is_not_sent(self):
         points = np.zeros((2, 2, 3))
-        for fault in ('frame', 'short', 'resolution', 'fields'):
+        said = []
+        log = rospy.Subscriber('/rosout', Log, lambda message: said.append(message.msg))
+        wait_until(lambda: log.get_num_connections() >= 2, 20, 'the log of the bridge')   # our own is one
+        for fault in ('frame', 'short', 'resolution', 'fields', 'offset'):
             message = field(points, points)
             if fault == 'frame':
                 message.points.header.frame_id = 'map'
@@ -130,9 +134,13 @@ class IgtlField(BridgeTest, unittest.TestCase):
                 message.points.data = message.points.data[:-1]
             elif fault == 'resolution':
                 message.resolution = 0
+            elif fault == 'offset':
+                message.points.fields[0].offset = 2 ** 32 - 4   # with its four bytes it ends at 0, in 32 bits
             else:
                 message.points.fields[2].datatype = PointField.FLOAT64
             self.fields.publish(message)
+            if fault == 'offset':   # before another one takes its place
+                wait_until(lambda: any('field x of the cloud is not a float32 within' in text for text in said), 20, 'its refusal')
         self.fields.publish(field(points + 0.3, points))
         wait_until(lambda: self.sees_point(300), 20, 'the good field after the faulty ones')
 

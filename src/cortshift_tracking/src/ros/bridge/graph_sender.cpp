@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "cortshift_stereo/ros/image_layout.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/igtl/compose.hpp"
 #include "cortshift_tracking/ros/bridge/igtl_conversion.hpp"
@@ -73,6 +74,7 @@ ros::Subscriber GraphSender::subscribePicture(ros::NodeHandle& node, const std::
 
 void GraphSender::onPicture(const std::string& device, const sensor_msgs::Image::ConstPtr& image) {
   try {
+    cortshift_stereo::requireWhole(*image);
     const bool grey = sensor_msgs::image_encodings::isMono(image->encoding);
     const cv::Mat pixels = cv_bridge::toCvShare(image, grey ? "mono8" : "rgb8")->image;
     const cv::Mat whole = pixels.isContinuous() ? pixels : pixels.clone();

@@ -17,7 +17,7 @@ constexpr double kMmPerMetre = 1000.0;
 int offsetOf(const sensor_msgs::PointCloud2& cloud, const std::string& name) {
   for (const sensor_msgs::PointField& field : cloud.fields) {
     if (field.name != name) continue;
-    if (field.datatype != sensor_msgs::PointField::FLOAT32 || field.offset + 4 > cloud.point_step)
+    if (field.datatype != sensor_msgs::PointField::FLOAT32 || std::uint64_t{field.offset} + 4 > cloud.point_step)
       throw std::invalid_argument("field " + name + " of the cloud is not a float32 within the point");
     return static_cast<int>(field.offset);
   }
