@@ -152,8 +152,10 @@ StageSettings readStage(StrictMap& map) {
     BloodSettings blood;
     readOutline(m, blood.outline);
     m.get("border", blood.border);
+    m.get("cotton", blood.cotton);
     stage.blood.push_back(blood);
   });
+  map.get("drape", stage.drape);
   map.section("hole", [&](StrictMap& m) {
     stage.hole.emplace();
     readOutline(m, stage.hole->outline);

@@ -13,6 +13,7 @@ namespace {
 
 const cv::Vec3f kBlood(0.055F, 0.045F, 0.30F), kDura(0.62F, 0.66F, 0.80F), kBone(0.62F, 0.74F, 0.80F);
 const cv::Vec3f kDrape(0.52F, 0.40F, 0.16F), kCavity(0.42F, 0.50F, 0.72F), kCavityBlood(0.14F, 0.12F, 0.46F);
+const cv::Vec3f kCotton(0.86F, 0.88F, 0.90F);
 
 constexpr double kSeam = 0.00025;      // half width of the step between two materials [m]
 constexpr double kDuraWidth = 0.0022;  // cuff of dura around the brain [m]
@@ -60,9 +61,13 @@ cv::Vec3f SurfacePaint::rim(double x, double y, double outside) const {
   const double pores = smoothStep((fine - 0.8) / 0.6), marrow = smoothStep((coarse - 0.6) / 0.8);
   cv::Vec3f bone = mix(kBone * static_cast<float>(1 + 0.05 * coarse), cv::Vec3f(0.30F, 0.32F, 0.55F), 0.6 * marrow);
   bone = mix(bone, cv::Vec3f(0.25F, 0.28F, 0.42F), 0.5 * pores);
-  // Drape: woven threads, and folds.
-  const double weave = std::sin(x * 6283.0 / 0.7) * std::sin(y * 6283.0 / 0.7);
-  const cv::Vec3f drape = kDrape * static_cast<float>(1 + 0.16 * weave + 0.14 * coarse + 0.08 * fine);
+  // Drape: woven threads, and folds. It may slide.
+  const Eigen::Vector2d slid = stage_ == PhantomScene::kUndeformed
+                                   ? Eigen::Vector2d(0, 0)
+                                   : scene_.description().stages[static_cast<std::size_t>(stage_)].drape;
+  const double u = x - slid.x(), v = y - slid.y();
+  const double weave = std::sin(u * 6283.0 / 0.7) * std::sin(v * 6283.0 / 0.7);
+  const cv::Vec3f drape = kDrape * static_cast<float>(1 + 0.16 * weave + 0.14 * kCoarse(u, v) + 0.08 * kFine(u, v));
   const cv::Vec3f inner = mix(dura, bone, smoothStep((edge - kDuraWidth) / (2 * kSeam) + 0.5));
   return mix(inner, drape, smoothStep((edge - kBoneWidth) / (2 * kSeam) + 0.5));
 }
@@ -108,6 +113,13 @@ void SurfacePaint::paintBlood(double x, double y, Paint& paint) const {
     const double within = (1 - pools[i].radius(x, y).value) * pools[i].smallestHalfAxis();
     const double share = smoothStep(within / settings[i].border + 0.5);
     if (share <= 0) continue;
+    if (settings[i].cotton) {
+      static const Pattern kFibres(0.0007, 41), kFolds(0.005, 42);
+      paint.colour =
+          mix(paint.colour, kCotton * static_cast<float>(1 + 0.06 * kFibres(x, y) + 0.05 * kFolds(x, y)), share);
+      paint.gloss = static_cast<float>(paint.gloss * (1 - share));
+      continue;
+    }
     const double thick = smoothStep(within / 0.004);  // darker where it is deep
     paint.colour = mix(paint.colour, kBlood * static_cast<float>(1.25 - 0.4 * thick), share);
     paint.gloss = 1.0F;

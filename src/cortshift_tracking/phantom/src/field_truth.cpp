@@ -39,6 +39,7 @@ std::optional<Truth> truthAt(const PhantomScene& scene, const Eigen::Vector3d& s
 
 struct RowResult {
   std::vector<double> errors;
+  double squares = 0;  // of error / uncertainty
   std::size_t foreign = 0;
   Reliability reliability;
 };
@@ -60,6 +61,8 @@ RowResult compareRow(const DisplacementField& field, const PhantomScene& scene, 
       ++result.foreign;
     else
       result.errors.push_back(error.norm());
+    if (!truth->foreign && !field.uncertainty.empty())
+      result.squares += error.squaredNorm() / std::pow(field.uncertainty.at<float>(row, column), 2);
   }
   return result;
 }
@@ -126,7 +129,9 @@ FieldError compareWithTruth(const DisplacementField& field, const PhantomScene& 
   });
   FieldError error;
   std::vector<double> errors;
+  double squares = 0;
   for (const RowResult& row : results) {
+    squares += row.squares;
     errors.insert(errors.end(), row.errors.begin(), row.errors.end());
     error.foreign_points += row.foreign;
     error.reliability += row.reliability;
@@ -137,7 +142,38 @@ FieldError compareWithTruth(const DisplacementField& field, const PhantomScene& 
   error.median = errors.empty() ? unknown : errors[errors.size() / 2];
   error.p95 = errors.empty() ? unknown : errors[errors.size() * 95 / 100];
   error.largest = errors.empty() ? unknown : errors.back();
+  error.over_uncertainty =
+      errors.empty() || field.uncertainty.empty() ? unknown : std::sqrt(squares / static_cast<double>(errors.size()));
   error.coverage = coverageOf(field, scene, from, to);
+  return error;
+}
+
+OutlineError compareOutline(const DisplacementField& field, const cv::Mat& shown, const cv::Mat& height,
+                            const PhantomScene& scene, int from, int stride) {
+  OutlineError error;
+  error.known = !field.brain.empty();
+  if (!error.known) return error;
+  double both = 0, either = 0, true_count = 0, true_sum = 0, said_count = 0, said_sum = 0;
+  for (int row = 0; row < field.frame.size.height; row += stride)
+    for (int column = 0; column < field.frame.size.width; column += stride) {
+      if (shown.at<uchar>(row, column) == 0) continue;
+      const Eigen::Vector3d point =
+          field.frame.T_pmr_projection *
+          Eigen::Vector3d(column * field.frame.resolution, row * field.frame.resolution, height.at<float>(row, column));
+      const auto tissue = scene.materialOf(point, from);
+      const bool truly = tissue && scene.rimDistance(tissue->material[0], tissue->material[1]) > 0;
+      const bool said = field.brain.at<uchar>(row, column) != 0;
+      both += truly && said ? 1 : 0;
+      either += truly || said ? 1 : 0;
+      const cv::Vec3f& d = field.displacement_pmr.at<cv::Vec3f>(row, column);
+      if (std::isnan(d[0])) continue;
+      true_sum += truly ? cv::norm(d) : 0;
+      true_count += truly ? 1 : 0;
+      said_sum += said ? cv::norm(d) : 0;
+      said_count += said ? 1 : 0;
+    }
+  error.intersection_over_union = both / either;
+  error.mean_ratio = (said_sum / said_count) / (true_sum / true_count);
   return error;
 }
 

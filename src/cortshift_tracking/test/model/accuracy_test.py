@@ -105,7 +105,10 @@ def residuals(truth, model, name, missing=0.0):
     return result, start, moved
 
 
-CASES = ('sag', 'resection')   # what head_truth.npz holds
+#: Least share of the motion of the tumour's border that is taken out, and largest error / standard deviation. Below a bulge 80 % and 1.5 are
+#: not reached, and the update says that it is less sure.
+BARS = {'sag': (0.8, 1.5), 'resection': (0.8, 1.5), 'bulge': (0.3, 1.8)}
+CASES = tuple(BARS)   # what head_truth.npz holds
 
 
 @pytest.mark.parametrize('name', CASES)
@@ -124,12 +127,12 @@ def test_motion_at_depth_is_taken_out(truth, model, name):
           f'{np.median(error) * 1000:.2f} / {np.percentile(error, 95) * 1000:.2f} mm, error / sd {ratio:.2f}; '
           + ', '.join(f'{other} {np.median(e) * 1000:.2f} / {np.percentile(e, 95) * 1000:.2f} mm' for other, e in others.items())
           + f'; drained {result.drained:.2f}, swelling {result.swelling:.4f}, tau {result.tau:.5f}, skull {result.pressing:.2f}')
-    assert taken_out >= 0.8
+    assert taken_out >= BARS[name][0]
     assert np.median(error) <= 0.0010 and np.percentile(error, 95) <= 0.0022
     assert np.median(error) <= 2 / 3 * np.median(others['surface shift for all'])
     assert np.median(error) < np.median(others['spline'])
-    assert 0.7 < ratio < 1.5
-    assert not result.warnings
+    assert 0.7 < ratio < BARS[name][1]
+    assert ['bulges: what swells below it cannot be told' in text for text in result.warnings] == [True] * (name == 'bulge')
 
 
 @pytest.mark.parametrize('name', CASES)

@@ -1,6 +1,7 @@
 """What counts as a digitised point, gravity from two of them, and a store that survives."""
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -133,6 +134,16 @@ def test_damaged_file_is_set_aside(tmp_path, damage):
     assert (tmp_path / (FILE_NAME + '.damaged-1')).read_text() == damage
     store.add(point())
     assert ProbeStore(tmp_path).points == [point()]
+
+
+@pytest.mark.parametrize('stamp', ['1e999, 5', '-1, 5', '4294967296, 5', '1700000000, 1000000000'])   # the first found by script/fuzz
+def test_a_stamp_that_is_none_is_damage(tmp_path, stamp):
+    ProbeStore(tmp_path).add(point())
+    text = (tmp_path / FILE_NAME).read_text()
+    (tmp_path / FILE_NAME).write_text(re.sub(r'"stamp": \[[^]]*\]', f'"stamp": [{stamp}]', text))
+    with pytest.raises(CaseError, match=FILE_NAME):
+        read_points(tmp_path)
+    assert ProbeStore(tmp_path).set_aside
 
 
 def test_point_that_is_not_finite_is_damage(tmp_path):

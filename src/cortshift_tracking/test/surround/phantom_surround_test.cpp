@@ -101,29 +101,10 @@ TEST_F(PhantomSurround, DriftsAreTakenOutAndTheUncertaintySaysSo) {
 TEST_F(PhantomSurround, TheOutlineIsThatOfTheBrain) {
   const ShiftResult result = shiftUnder(Eigen::Isometry3d::Identity());
   ASSERT_FALSE(result.field.brain.empty()) << result.summary.outline;
-  const ProjectionFrame& frame = result.field.frame;
-  double both = 0, either = 0;
-  double count = 0, magnitude = 0;
-  for (int row = 0; row < frame.size.height; row += 2)
-    for (int column = 0; column < frame.size.width; column += 2) {
-      const float height = result.earlier.height.at<float>(row, column);
-      if (std::isnan(height)) continue;
-      const Eigen::Vector3d point =
-          frame.T_pmr_projection * Eigen::Vector3d(column * frame.resolution, row * frame.resolution, height);
-      const auto tissue = scene_->materialOf(point, 0);
-      const bool truly = tissue && scene_->rimDistance(tissue->material[0], tissue->material[1]) > 0;
-      const bool said = result.field.brain.at<uchar>(row, column) != 0;
-      both += truly && said ? 1 : 0;
-      either += truly || said ? 1 : 0;
-      const cv::Vec3f& d = result.field.displacement_pmr.at<cv::Vec3f>(row, column);
-      if (!truly || std::isnan(d[0])) continue;
-      magnitude += cv::norm(d);
-      ++count;
-    }
-  std::printf("intersection over union %.3f, brain's mean %.3f of the truth\n", both / either,
-              result.summary.brain.magnitude.mean / (magnitude / count));
-  EXPECT_GT(both / either, 0.93);
-  EXPECT_NEAR(result.summary.brain.magnitude.mean / (magnitude / count), 1, 0.03);
+  const auto error =
+      cortshift_tracking_phantom::compareOutline(result.field, result.earlier.mask, result.earlier.height, *scene_, 0);
+  EXPECT_GT(error.intersection_over_union, 0.93);
+  EXPECT_NEAR(error.mean_ratio, 1, 0.03);
 }
 
 }  // namespace

@@ -19,7 +19,9 @@ PATHS = [('replay', 'bag', '/rosbag_play/bag', []), ('replay', 'static_tf', '/pu
          ('intraop', 'site', '/preflight/site', []), ('intraop', 'case_folder', '/probe/case', []),
          ('intraop', 'settings_calibration', '/surface_reconstruction/settings_calibration', []),
          ('capture_pc', 'phantom', '/stereo_driver/phantom_case', []), ('capture_pc', 'site', '/preflight/site', []),
-         ('compute_pc', 'case_folder', '/shift_tracker/case_folder', []), ('two_machines', 'case_folder', '/probe/case', [])]
+         ('compute_pc', 'case_folder', '/shift_tracker/case_folder', []), ('two_machines', 'case_folder', '/probe/case', []),
+         *[(launch, 'model', '/brain_model/model', ['case_folder:=case']) for launch in ('phantom', 'replay', 'intraop', 'compute_pc')],
+         ('replay', 'case_folder', '/brain_model/case', ['model:=model.npz'])]
 
 
 @pytest.fixture(params=NAMES)
@@ -36,6 +38,13 @@ def parameters(launch, *arguments):
     config = roslaunch.config.load_config_default([(str(ROOT / f'launch/{launch}.launch'), list(arguments))], port=None,
                                                   assign_machines=False)
     return {name: parameter.value for name, parameter in config.params.items()}, config
+
+
+@pytest.mark.parametrize('launch', ['phantom', 'replay', 'intraop'])
+def test_no_brain_model_without_a_model(launch):
+    def nodes(*more):
+        return [node.name for node in parameters(launch, 'case_folder:=case', *more)[1].nodes]
+    assert 'brain_model' not in nodes() and 'brain_model' in nodes('model:=model.npz')
 
 
 @pytest.mark.parametrize('launch, argument, parameter, more', PATHS, ids=[f'{p[0]}-{p[1]}-{p[2].split("/")[1]}' for p in PATHS])

@@ -156,10 +156,11 @@ struct PlacementSettings {
   double roll = 0;               ///< about the axis [rad]
 };
 
-/// Opaque blood on the surface.
+/// Opaque blood, or cotton, on the surface.
 struct BloodSettings {
   OutlineSettings outline;
   double border = 0.0008;  ///< width over which the film fades in [m]
+  bool cotton = false;     ///< white and matt, with fibres
 };
 
 /// Tissue that has been taken out.
@@ -202,6 +203,7 @@ struct StageSettings {
   double magnification = 1.0;   ///< reported microscope zoom
   double focal_length = 0.300;  ///< reported focal length of the main objective [m]
   std::vector<BloodSettings> blood;
+  Eigen::Vector2d drape{0, 0};  ///< by which the cloth has slid since it was laid (brain x, y) [m]
   std::optional<HoleSettings> hole;
   std::optional<RetractorSettings> retractor;
   std::vector<RodSettings> rods;

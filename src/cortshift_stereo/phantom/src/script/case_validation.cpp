@@ -130,6 +130,7 @@ void checkStage(const std::string& key, const StageSettings& stage) {
     checkOutline(key + ".blood", blood.outline, 0.001, 0.06);
     check(key + ".blood.border", blood.border, 0.0001, 0.01);
   }
+  check(key + ".drape", stage.drape, -0.02, 0.02);
   if (stage.hole) {
     checkOutline(key + ".hole", stage.hole->outline, 0.002, 0.04);
     check(key + ".hole.depth", stage.hole->depth, 0, 0.03);

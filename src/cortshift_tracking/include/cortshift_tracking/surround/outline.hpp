@@ -15,7 +15,8 @@ struct Outline {
 
 /// The brain by its colour and place: what has blood in it, cut off from bone, cloth and what looks like neither along
 /// the strongest edge (Rother, Kolmogorov and Blake, ACM Transactions on Graphics 23(3):309-314, 2004). Not known where
-/// no bone or cloth borders it, since then nothing tells brain from other tissue. The same each time.
+/// no bone lies around it, since then nothing shows the colour of the light, or where colours leave doubt: brain like
+/// bone, or much that looks like brain beyond the edge. The same each time.
 Outline proposeOutline(const Projection& projection);
 
 }  // namespace cortshift_tracking

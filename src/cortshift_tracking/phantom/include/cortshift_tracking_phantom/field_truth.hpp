@@ -31,12 +31,26 @@ struct FieldError {
   double coverage = 0;  ///< reported part of the craniotomy that both cameras see as brain at both stages, 0...1
   std::size_t compared_points = 0;
   std::size_t foreign_points = 0;  ///< reported vectors that start on no tissue (a retractor) or whose tissue is gone
+  double over_uncertainty = 0;     ///< root mean square of error / uncertainty, where the field has one
   Reliability reliability;
 };
 
 /// @param stride every how many grid points, in either direction, a vector is compared
 FieldError compareWithTruth(const cortshift_tracking::DisplacementField& field,
                             const cortshift_stereo_phantom::PhantomScene& scene, int from, int to, int stride = 3);
+
+/// A proposed outline of the brain, and the mean displacement within it, against the truth.
+struct OutlineError {
+  bool known = false;
+  double intersection_over_union = 0;  ///< of what the earlier stage shows as brain, blood on it included, 0...1
+  double mean_ratio = 0;               ///< mean length of the field's vectors within the outline over the true brain's
+};
+
+/// @param shown CV_8UC1 255 where the earlier stage's projection shows something (Projection::mask)
+/// @param height CV_32FC1 of that projection [m]
+OutlineError compareOutline(const cortshift_tracking::DisplacementField& field, const cv::Mat& shown,
+                            const cv::Mat& height, const cortshift_stereo_phantom::PhantomScene& scene, int from,
+                            int stride = 2);
 
 /// `name: value` lines, lengths in millimetres.
 std::string toText(const FieldError& error);

@@ -234,7 +234,7 @@ class _Case:
                     'stamp': self._pair(entry['stamp']),
                     'regions': [[[float(x), float(y)] for x, y in region] for region in entry['regions']]}
                     for key, entry in state.get(drawn, {}).items()}
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             raise CaseError(f'is not a whole file of this version ({error!r}); gravity, regions and outlines are not handed on') from error
         if (new['format'], new['unit']) != ('cortshift case state, version 1', 'm'):
             raise CaseError('is of another version; gravity, regions and outlines are not handed on')

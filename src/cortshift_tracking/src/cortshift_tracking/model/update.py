@@ -18,6 +18,7 @@ from cortshift_tracking.model.elasticity import (DENSITY, GRAVITY, MATERIALS, ga
                                                  swelling, weights_of_nodes)
 from cortshift_tracking.model.prepare import ModelSettings, patches_of
 
+BULGES = 0.0005     # mean motion outwards of the exposed brain [m]: above what a vector's error comes to
 DRAWN = (0.125, 0.375, 0.625, 0.875)   # quantiles of tau that stand for all
 IMPLAUSIBLE = 0.05   # volume strain: half of what the fluid in sulci and ventricles, which the mask holds, has of the whole
 
@@ -35,7 +36,7 @@ class UpdateSettings:
     level: tuple = (0.0, 0.4)        # the same of a layer across gravity, beside the rest: how high the fluid stands is not known
     layers: int = 4
     swelling: tuple = (0.0, 0.005)   # volume strain, the same
-    oedema: tuple = (0.0, 0.01)      # volume strain of the tissue near the craniotomy, beside the rest
+    oedema: tuple = (0.0, 0.03)      # volume strain of the tissue near the craniotomy, beside the rest
     near: float = 0.04               # what is near the craniotomy [m]
     heterogeneity: float = 0.35      # of Young's modulus from place to place, relative: Budday et al. 2015 (JMBBM 46:318), grey and white matter
     alike: float = 0.02              # over which it is alike
@@ -157,7 +158,7 @@ class _Condensed:
             layer = np.clip((height - height.min()) / np.ptp(height) * settings.layers, 0, settings.layers - 1).astype(int)
             weights = [weights_of_nodes(mesh.nodes, mesh.tetrahedra, 1.0 * (left & (layer == n))) for n in range(settings.layers)]
             forces += [(DENSITY * GRAVITY * weight[:, None] * gravity).ravel() for weight in [sum(weights), *weights]]
-        solid = left & (self.model.tissue != _index_of(self.model, 'ventricles'))
+        solid = left & (np.array(self.model.tissues)[self.model.tissue] != 'ventricles')
         near = np.linalg.norm(middles - self.model.craniotomy, axis=1) < settings.near
         forces += [swelling(mesh.nodes, mesh.tetrahedra, self.model.lame, 1.0 * part) for part in (solid, solid & near)]
         return self.model.factor.solve(np.stack(forces, -1))
@@ -263,13 +264,15 @@ def update(model, pulls, gravity=None, resected=None, settings=UpdateSettings(),
     if abs(at[1]) > IMPLAUSIBLE:
         warnings.append(f'the vectors ask for a swelling of {at[1]:.1%}, more than tissue does: the model explains them badly, and the standard '
                         'deviations are too small')
+    corners = model.mesh.nodes[model.mesh.border[pulls.triangle]]
+    outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    if (pulls.displacement * outwards).sum(1).mean() > BULGES:
+        warnings.append('the exposed brain bulges: what swells below it cannot be told from the surface, and displacement at depth and its standard '
+                        'deviation are less sure than after sagging (doc/brain_model.md)')
     left = vectors - pick @ known.kept(displacement[:, None])[:, 0]
     return Update(displacement.reshape(-1, 3), sd_nodes, at[0], at[1], tau, pressing, resected,
                   float(np.sqrt((left ** 2).mean() * 3)), warnings)
-
-
-def _index_of(model, tissue):
-    return model.tissues.index(tissue) if tissue in model.tissues else -1
 
 
 def _rows(known, model, pulls, used):

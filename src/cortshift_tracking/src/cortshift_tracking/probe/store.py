@@ -26,7 +26,7 @@ def read_points(folder):
         if content['format'] != FORMAT or content['unit'] != 'm' or content['frame'] != 'pmr':
             raise ValueError(f'format "{content["format"]}", unit "{content["unit"]}", frame "{content["frame"]}"')
         return [_from_json(entry) for entry in content['points']]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:   # the last: infinity is no whole number
         raise CaseError(f'{path}: not a whole file of probe points ({error!r}); restore it from a copy or move it away') from error
 
 
@@ -35,6 +35,8 @@ def _from_json(entry):
     stamp = int(entry['stamp'][0]), int(entry['stamp'][1])
     if len(position) != 3 or not all(map(math.isfinite, position)):
         raise ValueError(f'position {position}')
+    if not (0 <= stamp[0] < 2 ** 32 and 0 <= stamp[1] < 10 ** 9):
+        raise ValueError(f'stamp {stamp}')
     return ProbePoint(str(entry['stage']), str(entry['label']), stamp, position, float(entry['spread']), int(entry['samples']))
 
 
