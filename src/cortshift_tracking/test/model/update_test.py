@@ -3,6 +3,7 @@ import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import model_head as head
 import nibabel
@@ -15,6 +16,7 @@ from cortshift_tracking.model.case_update import located, update_case, write_upd
 from cortshift_tracking.model.mesh import quality
 from cortshift_tracking.model.prepare import ModelSettings, check_mask, prepare_model
 from cortshift_tracking.model.update import bin_field, update
+from cortshift_tracking.model.warp import warps_of
 from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
 
@@ -142,6 +144,17 @@ def _full(model, force):
     full = np.zeros((3 * len(model.mesh.nodes), 1))
     full[(3 * model.zone[:, None] + np.arange(3)).ravel()] = force[:3 * len(model.zone)]
     return full
+
+
+def test_a_linear_motion_is_met_at_every_grid_point(made):
+    """Linear elements and linear interpolation hold it exactly; and the grid has no hole in the brain."""
+    model, mr, _, _ = made
+    slope = np.array([[0.01, 0.02, 0.0], [0.0, -0.015, 0.01], [0.02, 0.0, 0.012]])
+    warp, _ = warps_of(model, SimpleNamespace(displacement=model.mesh.nodes @ slope.T), mr)
+    points = np.argwhere(warp.brain) @ warp.T_pmr_grid[:3, :3].T + warp.T_pmr_grid[:3, 3]
+    np.testing.assert_allclose(warp.vectors[warp.brain], points @ slope.T, atol=1e-8)
+    cell = abs(np.linalg.det(warp.T_pmr_grid[:3, :3]))
+    assert warp.brain.sum() * cell == pytest.approx(model.mesh.volumes.sum(), rel=0.02)
 
 
 def test_files_are_what_was_said(made, updated, tmp_path):

@@ -36,8 +36,8 @@ class SheetSource:
 
     def send(self, lift=0.0):
         """Stamp of a sheet of now, once the node has it."""
-        stamp = rospy.Time.now()
+        now = rospy.Time.now()
+        stamp = rospy.Time(now.secs, now.nsecs // 1000000 * 1000000)  # what the node says of it in text is then exact
         self._surfaces.publish(sheet(stamp, lift))
-        # Cut off, not rounded: it has to begin what the node says with more digits.
         self._diagnostics.wait_for('shift_tracker: surfaces', newest_stamp=f'{stamp.secs}.{stamp.nsecs // 1000000:03d}')
         return stamp

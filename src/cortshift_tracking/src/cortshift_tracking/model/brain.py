@@ -3,6 +3,7 @@ import hashlib
 import json
 import zipfile
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -45,17 +46,15 @@ class BrainModel:
     craniotomy: np.ndarray
     provenance: dict
     labels: dict = field(default_factory=dict)
-    _tree: dict = field(default_factory=dict, repr=False, compare=False)
 
-    def places(self, points, nodes=None):
-        """Tetrahedron of each point (N,), -1 outside, and its barycentric weights (N, 4); nodes: where the mesh is now."""
-        nodes = self.mesh.nodes if nodes is None else nodes
-        key = nodes.tobytes() if nodes is not self.mesh.nodes else b''
-        if key not in self._tree:
-            self._tree.clear()
-            corners = nodes[self.mesh.tetrahedra]
-            self._tree[key] = cKDTree(corners.mean(1)), np.linalg.inv(corners[:, 1:] - corners[:, :1]), corners[:, 0]
-        tree, inverse, first = self._tree[key]
+    @cached_property
+    def _finder(self):
+        corners = self.mesh.nodes[self.mesh.tetrahedra]
+        return cKDTree(corners.mean(1)), np.linalg.inv(corners[:, 1:] - corners[:, :1]), corners[:, 0]
+
+    def places(self, points):
+        """Tetrahedron of each point (N,), -1 outside, and its barycentric weights (N, 4)."""
+        tree, inverse, first = self._finder
         best, weights = np.full(len(points), -1), np.zeros((len(points), 4))
         left = np.arange(len(points))
         for count in (4, CANDIDATES):   # most points are in one of the nearest few

@@ -10,6 +10,7 @@ from cortshift_tracking.errors import CortshiftError
 from cortshift_tracking.mr.volume import AXES_FROM_RAS, Volume
 
 STEP = 0.002          # of the grids of vectors [m]
+AT_ONCE = 1000000     # grid points, so that memory stays small
 LEAST_FADE = 0.006    # outside the brain vectors fade to nothing over this, or over twice the largest [m]: nothing folds there
 
 
@@ -55,13 +56,12 @@ def _sampled(model, nodes, vectors, volume):
     index = nodes @ inverse[:3, :3].T + inverse[:3, 3]
     low = np.clip(np.floor(index.min(0)).astype(int), 0, np.array(shape) - 1)
     high = np.clip(np.ceil(index.max(0)).astype(int) + 1, 1, shape)
-    block = np.stack(np.meshgrid(*[np.arange(a, b) for a, b in zip(low, high)], indexing='ij'), -1).reshape(-1, 3)
-    tetrahedron, weights = model.places(block @ T[:3, :3].T + T[:3, 3], nodes)
-    held = tetrahedron >= 0
     grid, brain = np.zeros((*shape, 3), np.float32), np.zeros(shape, bool)
-    at = tuple(block[held].T)
-    grid[at] = np.einsum('nc,ncj->nj', weights[held], vectors[model.mesh.tetrahedra[tetrahedron[held]]])
-    brain[at] = True
+    for part in _parts(index[model.mesh.tetrahedra], shape):
+        points, tetrahedron, weights = _grid_points_in(index[model.mesh.tetrahedra[part]], shape)
+        at = tuple(points.T)
+        grid[at] = np.einsum('nc,ncj->nj', weights, vectors[model.mesh.tetrahedra[part][tetrahedron]])
+        brain[at] = True
     if not brain.any():
         raise CortshiftError(f'{volume.source}: holds nothing of the model; give the MR that the model is of')
     step = np.linalg.norm(T[:3, :3], axis=0)
@@ -72,6 +72,35 @@ def _sampled(model, nodes, vectors, volume):
     share = np.clip(1 - away / fade, 0, 1)
     grid[part] = grid[part][tuple(nearest)] * share[..., None]
     return Warp(grid, T, brain, volume.axes)
+
+
+def _boxes(corners, shape):
+    """First grid point and number of them along each axis, of the boxes around tetrahedra with corners (N, 4, 3) in grid points."""
+    low = np.clip(np.ceil(corners.min(1) - 1e-6), 0, shape).astype(int)
+    high = np.clip(np.floor(corners.max(1) + 1e-6), -1, np.array(shape) - 1).astype(int)
+    return low, np.maximum(high - low + 1, 0)
+
+
+def _parts(corners, shape):
+    """Slices of the tetrahedra whose boxes hold AT_ONCE grid points or few more."""
+    held = np.cumsum(_boxes(corners, shape)[1].prod(1))
+    ends = np.unique(np.append(np.searchsorted(held, np.arange(AT_ONCE, held[-1], AT_ONCE)) + 1, len(corners)))
+    return [slice(a, b) for a, b in zip([0, *ends[:-1]], ends)]
+
+
+def _grid_points_in(corners, shape):
+    """Grid points (M, 3) in tetrahedra with corners (N, 4, 3) [grid points], which one (M,), and barycentric weights (M, 4)."""
+    low, size = _boxes(corners, shape)
+    count = size.prod(1)
+    owner = np.repeat(np.arange(len(corners)), count)
+    place = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    rest, k = np.divmod(place, size[owner, 2])
+    points = low[owner] + np.stack([*np.divmod(rest, size[owner, 1]), k], -1)
+    inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
+    local = np.einsum('nj,njk->nk', points - corners[owner, 0], inverse[owner])
+    weights = np.concatenate([1 - local.sum(1, keepdims=True), local], 1)
+    inside = weights.min(1) > -1e-9
+    return points[inside], owner[inside], weights[inside]
 
 
 def warped(volume, pmr_from_now, order=1):
@@ -85,17 +114,26 @@ def warped(volume, pmr_from_now, order=1):
     corners = np.array([[ends[i, 0], ends[j, 1], ends[k, 2], 1] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) @ to_voxel[:3].T
     low = np.clip(np.floor(corners.min(0)).astype(int), 0, volume.data.shape)
     high = np.clip(np.ceil(corners.max(0)).astype(int) + 1, 0, volume.data.shape)
-    linear = np.linalg.inv(volume.T_pmr_voxel)[:3, :3]
-    back = np.linalg.inv(to_voxel)
+    linear = np.linalg.inv(volume.T_pmr_voxel)[:3, :3].astype(np.float32)
+    back = np.diag(np.linalg.inv(to_voxel))   # the grid lies along the volume's axes, from the same corner
+    in_voxels = pmr_from_now.vectors @ linear.T
+    for axis in (2, 1):
+        in_voxels = _between(in_voxels, np.arange(low[axis], high[axis]) * back[axis], axis)
     for i in range(low[0], high[0], 16):   # slabs: a whole head need not be held several times
-        block = np.stack(np.meshgrid(np.arange(i, min(i + 16, high[0])), np.arange(low[1], high[1]), np.arange(low[2], high[2]),
-                                     indexing='ij')).astype(np.float32)
-        index = np.tensordot(back[:3, :3].astype(np.float32), block, 1) + back[:3, 3].astype(np.float32)[:, None, None, None]
-        moved = np.stack([ndimage.map_coordinates(pmr_from_now.vectors[..., n], index, order=1, mode='constant') for n in range(3)])
-        source = block + np.tensordot(linear.astype(np.float32), moved, 1)
-        result[i:i + 16, low[1]:high[1], low[2]:high[2]][:block.shape[1]] = ndimage.map_coordinates(volume.data, source, order=order,
-                                                                                                    mode='nearest')
+        rows = np.arange(i, min(i + 16, high[0]))
+        source = np.moveaxis(_between(in_voxels, rows * back[0], 0), -1, 0).copy()
+        for axis, numbers in enumerate((rows, np.arange(low[1], high[1]), np.arange(low[2], high[2]))):
+            source[axis] += numbers.astype(np.float32).reshape([-1 if n == axis else 1 for n in range(3)])
+        result[rows[0]:rows[-1] + 1, low[1]:high[1], low[2]:high[2]] = ndimage.map_coordinates(volume.data, source, order=order, mode='nearest')
     return result
+
+
+def _between(values, places, axis):
+    """Values at places along an axis [grid points], linear between its own."""
+    last = values.shape[axis] - 1
+    first = np.clip(np.floor(places).astype(int), 0, last)
+    share = (places - first).astype(np.float32).reshape([-1 if n == axis else 1 for n in range(values.ndim)])
+    return np.take(values, first, axis) * (1 - share) + np.take(values, np.minimum(first + 1, last), axis) * share
 
 
 def write_nrrd(warp, path, says):
