@@ -66,6 +66,15 @@ cv::Mat withStrip(const cv::Mat& picture, double millimetres_per_pixel) {
   return canvas;
 }
 
+/// A white line around the brain in a picture of the grid, or of more below it. @returns what the legend says of it
+std::string drawBrain(cv::Mat& picture, const DisplacementField& field) {
+  if (field.brain.empty()) return "";
+  std::vector<std::vector<cv::Point>> contours;
+  cv::findContours(upright(field.brain, cv::INTER_LINEAR) >= 128, contours, cv::RETR_LIST, cv::CHAIN_APPROX_NONE);
+  cv::drawContours(picture, contours, -1, {255, 255, 255}, 2, cv::LINE_AA);
+  return "; white: brain";
+}
+
 cv::Mat overlay(const ShiftResult& result, const cv::Mat& later_colour, const cv::Mat& later_mask,
                 const std::string& title) {
   const cv::Mat red = stretchedGrey(result.earlier.colour, result.earlier.mask),
@@ -77,7 +86,7 @@ cv::Mat overlay(const ShiftResult& result, const cv::Mat& later_colour, const cv
   const int y = canvas.rows - kStrip + 34;
   write(canvas, "earlier", {16, y}, {80, 80, 255});
   write(canvas, "later", {100, y}, {80, 255, 80});
-  write(canvas, title, {170, y}, kInk);
+  write(canvas, title + drawBrain(canvas, result.field), {170, y}, kInk);
   return canvas;
 }
 
@@ -156,7 +165,7 @@ cv::Mat colourMap(const DisplacementField& field, const cv::Mat& values, bool wi
     cv::line(map, {x, top + height}, {x, top + height + 4}, kInk, 1);
     write(map, text, {x - 12, top + height + 24}, kInk);
   }
-  write(map, title, {left + width + 70, top + 16}, kInk);
+  write(map, title + drawBrain(map, field), {left + width + 70, top + 16}, kInk);
   return map;
 }
 
@@ -179,12 +188,7 @@ cv::Mat brainOutline(const ShiftResult& result) {
   result.earlier.colour.convertTo(bytes, CV_8UC3, 255);
   const double mm = 1e3 * result.field.frame.resolution / pictureScale(bytes.size());
   cv::Mat picture = upright(bytes, cv::INTER_CUBIC);
-  if (!result.field.brain.empty()) {
-    std::vector<std::vector<cv::Point>> contours;
-    cv::findContours(upright(result.field.brain, cv::INTER_LINEAR) >= 128, contours, cv::RETR_LIST,
-                     cv::CHAIN_APPROX_NONE);
-    cv::drawContours(picture, contours, -1, {80, 255, 80}, 2, cv::LINE_AA);
-  }
+  drawBrain(picture, result.field);
   cv::Mat canvas = withStrip(picture, mm);
   write(canvas, "brain: " + result.summary.outline, {16, canvas.rows - kStrip + 34}, kInk);
   return canvas;
@@ -199,7 +203,7 @@ cv::Mat overlayAfter(const ShiftResult& result) {
   cv::Mat colour, mask;
   cv::remap(result.later.colour, colour, map, {}, cv::INTER_CUBIC);
   cv::remap(result.later.mask, mask, map, {}, cv::INTER_NEAREST);
-  cv::Mat canvas = overlay(result, colour, mask, "after compensation; inside the line: trusted");
+  cv::Mat canvas = overlay(result, colour, mask, "after compensation; blue line: trusted");
   std::vector<std::vector<cv::Point>> outlines;
   cv::findContours(upright(validMask(result.field), cv::INTER_NEAREST) > 127, outlines, cv::RETR_CCOMP,
                    cv::CHAIN_APPROX_NONE);

@@ -7,7 +7,8 @@
 
 namespace cortshift_tracking {
 
-/// Both stages over each other: red earlier, green later; what has not moved is yellow. CV_8UC3 (blue green red).
+/// Both stages over each other: red earlier, green later; what has not moved is yellow. CV_8UC3 (blue green red). This
+/// and the maps below show the outline of the brain as a white line, where it is known.
 cv::Mat overlayBefore(const ShiftResult& result);
 
 /// The same with the later stage brought back by the flow; a thin line surrounds what is trusted.

@@ -1,4 +1,5 @@
-"""The figures of the case report. All maps show the projection plane, mm, upright as the microscope saw the earlier stage."""
+"""The figures of the case report. All maps show the projection plane, mm, upright as the microscope saw the earlier stage, with the
+outline of the exposed brain where it is known."""
 import base64
 import io
 
@@ -43,9 +44,17 @@ def _axes_mm(panel, title):
     panel.set_facecolor('#e9e9e9')
 
 
+def _draw_brain(panel, field):
+    for polygon in field.brain:
+        closed = 1000 * np.vstack([polygon, polygon[:1]])
+        for colour, width in (('black', 2.4), ('white', 1.2)):  # seen on light and dark
+            panel.plot(*closed.T, color=colour, linewidth=width)
+
+
 def _map(figure, panel, field, values, title, cmap, low, high, unit, scale=1000):
     image = panel.imshow(values * scale, cmap=cmap, vmin=low, vmax=high, extent=_extent_mm(field), origin='lower',
                          interpolation='nearest')
+    _draw_brain(panel, field)
     _axes_mm(panel, title)
     bar = figure.colorbar(image, ax=panel, fraction=0.04, pad=0.02)
     bar.set_label(unit, fontsize=9)
@@ -102,6 +111,7 @@ def overlay_figure(first, later, field):
     for panel, image, title in ((panels[0, 0], before, 'before compensation'),
                                 (panels[0, 1], after, 'after compensation (dark: no trusted vector)')):
         panel.imshow(image, extent=_extent_mm(field), origin='lower', interpolation='bilinear')
+        _draw_brain(panel, field)
         _axes_mm(panel, title)
     figure.subplots_adjust(bottom=0.1, top=0.93)
     return figure

@@ -104,6 +104,7 @@ def pair(case, field):
     if not field.valid.any():
         return f'{heading}<p>No vector can be trusted.</p>'
     parts = [heading]
+    line = '; white line: outline of the exposed brain' if field.brain else ''
     absent = case.absent_stages(field)
     if absent:
         parts.append(f'<p>No overlay: the case holds no readable stage {text(" and ".join(absent))}.</p>')
@@ -111,9 +112,9 @@ def pair(case, field):
         first = figures.mr_vessels(field) if field.from_mr else figures.project_colour(case.stage(field.from_key), field)
         about = 'the MR (vessels drawn dark)' if field.from_mr else 'earlier'
         parts.append(picture(figures.overlay_figure(first, case.stage(field.to_key), field), f'overlays of {name}',
-                             f'Overlay: red {about}, green later, yellow where they agree'))
+                             f'Overlay: red {about}, green later, yellow where they agree{line}'))
     maps = figures.component_figure(field, case.gravity_pmr, case.first_normal_pmr)
-    parts.append(picture(maps, f'maps of {name}', 'Displacement'))
+    parts.append(picture(maps, f'maps of {name}', f'Displacement{line}'))
     parts.append(picture(figures.vector_figure(field), f'vectors of {name}', 'Vectors on the earlier surface'))
     if field.from_mr:  # vessels tell where the brain went, but too coarsely for its strain
         parts.append(picture(figures.confidence_figure(field), f'confidence of {name}', 'Confidence'))
