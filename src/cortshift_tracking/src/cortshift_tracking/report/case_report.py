@@ -6,7 +6,7 @@ from cortshift_tracking.durable import write_durably
 from cortshift_tracking.errors import CaseError, VolumeError
 from cortshift_tracking.mr.admission import admit_mr
 from cortshift_tracking.report import picks as picked
-from cortshift_tracking.report import sections
+from cortshift_tracking.report import sections, updated_mr
 from cortshift_tracking.report.page import page, table, warning_box
 from cortshift_tracking.report.tables import TABLE_2_HEADER, TABLE_3_HEADER, table_2, table_3, to_csv
 from cortshift_tracking.report.warnings import warnings_of
@@ -31,6 +31,7 @@ def make_report(folder, mr=None, title=None, mr_may_fail=False):
     left_out = []
     volume = _volume(case, mr, left_out if mr_may_fail else None)
     second, third = table_2(case, _picks(folder, left_out), left_out), table_3(case)
+    updates = [updated_mr.section(update, case, volume, left_out) for update in updated_mr.read_updates(folder, left_out)]
     title = title or os.path.basename(os.path.abspath(folder))
     parts = [sections.head(case, title), warning_box(warnings_of(case, left_out, volume)), sections.calibration(case),
              sections.timeline(case), table('Displacement between stages (Table 3 of the paper)', TABLE_3_HEADER, third, NOTE_3)]
@@ -39,6 +40,7 @@ def make_report(folder, mr=None, title=None, mr_may_fail=False):
     else:
         parts.append('<h2>Probe against surface and field</h2><p>No label was digitised at both stages of a pair.</p>')
     parts.append(sections.slices(case, volume, *left_out[:1] if mr and not volume else ()))
+    parts += updates
     parts += [sections.pair(case, field) for field in case.fields]
     if not case.fields:
         parts.append('<h2>Fields</h2><p>No displacement field was computed.</p>')
