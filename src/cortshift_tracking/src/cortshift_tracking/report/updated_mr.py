@@ -86,7 +86,7 @@ def _before_after(before, after, at):
     window = np.nanpercentile(before.data[::3, ::3, ::3], (1, 99.7))
     figure = Figure(figsize=(11.6, 11.2), dpi=100, facecolor='white')
     panels = figure.subplots(3, 3)
-    figure.subplots_adjust(left=0.05, right=0.99, top=0.96, bottom=0.03, wspace=0.08, hspace=0.12)
+    figure.subplots_adjust(left=0.05, right=0.99, top=0.96, bottom=0.04, wspace=0.1, hspace=0.18)
     for row, plane in zip(panels, PLANES):
         shown = picture_axes(plane, before.axes)
         middle = at[[shown.across, shown.up]]
@@ -102,6 +102,8 @@ def _before_after(before, after, at):
             if shown.flip_up:
                 panel.invert_yaxis()
             panel.set_title(f'{plane}, {title}', fontsize=10)
+            panel.set_facecolor('black')
+            panel.set_xlabel('mm', fontsize=8, labelpad=0)
             panel.tick_params(labelsize=7)
             for letter, x, y in zip(shown.letters, (0.03, 0.97, 0.5, 0.5), (0.5, 0.5, 0.04, 0.96)):
                 panel.text(x, y, letter, transform=panel.transAxes, color='orange', fontweight='bold', ha='center', va='center')
