@@ -110,6 +110,7 @@ class IgtlField(BridgeTest, unittest.TestCase):
         self.assertTrue((vtk_to_numpy(arrays.GetArray('rgb')) == colour[:, :3]).all())
         self.assertEqual(data.GetNumberOfPolys(), whole.sum())
         self.assertIn('SPACE=LPS', reader.GetHeader())
+        self.assertIn(f'by 0.1-2-gabc with parameters {8 * "c"}, calibration {8 * "d"}; 1 WARNINGS', reader.GetHeader())
 
     def test_late_client_gets_the_last_field(self):
         points = np.zeros((2, 2, 3))

@@ -11,7 +11,7 @@ import rospkg
 import rospy
 import tf2_ros
 import yaml
-from cortshift_msgs.msg import DisplacementField, ShiftSummary
+from cortshift_msgs.msg import DisplacementField, Provenance, ShiftSummary
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import wait_until
 from igtl_client import Client
@@ -135,7 +135,8 @@ def field(points, displacement, projection=np.eye(4), resolution=0.0005, keys=('
     message.summary = ShiftSummary(from_key=keys[0], to_key=keys[1], valid_points=12, overlap=0.9, magnitude_mean=0.0061,
                                    magnitude_sd=0.0012, gravity_mean=float('nan'), gravity_sd=float('nan'),
                                    normal_mean=-0.005, normal_sd=0.001, lateral_mean=0.002, lateral_sd=0.0005,
-                                   gravity_normal_angle=float('nan'), compute_time=0.7)
+                                   gravity_normal_angle=float('nan'), compute_time=0.7, warnings=['the rows do not agree'])
+    message.provenance = Provenance('0.1-2-gabc', 'c' * 64, 'd' * 64)
     return message
 
 

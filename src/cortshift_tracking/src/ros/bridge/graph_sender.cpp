@@ -16,6 +16,20 @@ namespace {
 
 std::int64_t nanoseconds(const ros::Time& time) { return static_cast<std::int64_t>(time.toNSec()); }
 
+/// One line about a field, for a header of at most 255 characters: what it was made with, and that there are warnings.
+std::string titleOf(const cortshift_msgs::DisplacementField& field) {
+  constexpr std::size_t kOfHash = 8, kOfSoftware = 24;
+  std::string title = "displacement " + field.from_key + " to " + field.to_key;
+  const auto add = [&](const std::string& before, const std::string& value, std::size_t most) {
+    if (!value.empty()) title += before + value.substr(0, most);
+  };
+  add(" by ", field.provenance.software, kOfSoftware);
+  add(" with parameters ", field.provenance.configuration, kOfHash);
+  add(", calibration ", field.provenance.calibration, kOfHash);
+  if (!field.summary.warnings.empty()) title += "; " + std::to_string(field.summary.warnings.size()) + " WARNINGS";
+  return title;
+}
+
 }  // namespace
 
 GraphSender::GraphSender(ros::NodeHandle& node, const BridgeParameters& parameters, const LinkSpace& space,
@@ -50,8 +64,8 @@ void GraphSender::onField(const cortshift_msgs::DisplacementField::ConstPtr& fie
 
 void GraphSender::writeField(const cortshift_msgs::DisplacementField& field, const PointGrid& grid) const {
   if (!isKey(field.from_key) || !isKey(field.to_key)) throw std::invalid_argument("its keys cannot name a file");
-  writeVtk(parameters_.vtk_folder + "/" + field.from_key + "__" + field.to_key + ".vtk",
-           "displacement " + field.from_key + " to " + field.to_key, makeMesh(grid, 1, space_), space_.linkAxes());
+  writeVtk(parameters_.vtk_folder + "/" + field.from_key + "__" + field.to_key + ".vtk", titleOf(field),
+           makeMesh(grid, 1, space_), space_.linkAxes());
 }
 
 void GraphSender::onSurface(const sensor_msgs::PointCloud2::ConstPtr& cloud) {
