@@ -12,7 +12,9 @@ import rospy
 import rostest
 from cortshift_msgs.srv import ComputeShift
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
+SUPPORT = os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support')
+sys.path[:0] = [SUPPORT, os.path.join(SUPPORT, 'recording')]
+import changes  # noqa: E402
 import faults  # noqa: E402
 from fault_trials import shipped_entries, write  # noqa: E402
 from graph import Player, ShiftTracker  # noqa: E402
@@ -25,9 +27,9 @@ class Admission(unittest.TestCase):
 
     def play(self, entries, number):
         """Each recording lies 1000 s behind the one before, so that the graph goes on."""
-        entries = faults.moved_in_time(entries, 1000.0 * number)
+        entries = changes.moved_in_time(entries, 1000.0 * number)
         path = os.path.join(self.folder, f'{number}.bag')
-        self.start = faults.begin_of(entries)
+        self.start = changes.begin_of(entries)
         write([entry for entry in entries if entry[2].to_sec() < self.start + SECOND + 6], path)
         if self.player:
             self.player.stop()

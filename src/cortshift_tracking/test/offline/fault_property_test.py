@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import faults
+import variants
 from fault_trials import process, shipped_entries
 
 SAME, WRONG = 0.0001, 0.00025   # [m]
@@ -58,11 +59,11 @@ def test_no_alarm_without_a_fault(shipped, tmp_path):
     entries, truth = shipped
     alarms = []
     count = int(os.environ.get('CORTSHIFT_VARIANTS', '12'))
-    for name, random in trials(faults.VARIANTS, count):
-        status, said, result, warnings = process(faults.VARIANTS[name](copy.deepcopy(entries), random), tmp_path / 'case')
+    for name, random in trials(variants.VARIANTS, count):
+        status, said, result, warnings = process(variants.VARIANTS[name](copy.deepcopy(entries), random), tmp_path / 'case')
         if status != 0 or warnings:
             alarms.append(f'{name}: {said if status else warnings}')
         elif np.linalg.norm(result[:3] - truth[:3]) > SAME:
             alarms.append(f'{name}: off by {1e3 * np.linalg.norm(result[:3] - truth[:3]):.3f} mm')
-    print(f'{count} variants of {len(faults.VARIANTS)} kinds: {len(alarms)} alarms')
+    print(f'{count} variants of {len(variants.VARIANTS)} kinds: {len(alarms)} alarms')
     assert not alarms, '\n'.join(alarms)

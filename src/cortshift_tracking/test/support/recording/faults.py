@@ -1,7 +1,6 @@
-"""Single faults for a recorded case, and variants of it that are none: what people in this field have met.
+"""Single faults for a recorded case: what people in this field have met.
 
-Each is a function of (entries, random) -> entries, where entries is a list of [topic, message, record time]; it may change
-the messages. FAULTS and VARIANTS hold them by name.
+Each is a function of (entries, random) -> entries (see changes.py); it may change the messages. FAULTS holds them by name.
 """
 import copy
 
@@ -9,84 +8,15 @@ import cv2
 import genpy
 import numpy as np
 import tf2_msgs.msg
-from cv_bridge import CvBridge
-from sensor_msgs.msg import CompressedImage
+from changes import (BRIDGE, CAPTURED, a_capture, begin_of, change_images, direction, edges, images, later_half, move, pixels,
+                     seconds)
 
-CAPTURED = (5.0, 21.0)   # [s] after the begin: exposures of the two stages that are captured
-BRIDGE = CvBridge()
-FAULTS, VARIANTS = {}, {}
+FAULTS = {}
 
 
 def fault(function):
     FAULTS[function.__name__] = function
     return function
-
-
-def variant(function):
-    VARIANTS[function.__name__] = function
-    return function
-
-
-def seconds(time):
-    return genpy.Time.from_sec(max(time, 1e-3))
-
-
-def begin_of(entries):
-    return min(time.to_sec() for _, _, time in entries)
-
-
-def edges(entries, child, topic='/tf'):
-    """(time, message, edge) of every sample of an edge."""
-    for name, message, time in entries:
-        if name == topic:
-            for edge in message.transforms:
-                if edge.child_frame_id.strip('/') == child:
-                    yield time, message, edge
-
-
-def images(entries, side=None):
-    for entry in entries:
-        if '/image_raw' in entry[0] and (side is None or side in entry[0]):
-            yield entry
-
-
-def pixels(message):
-    return BRIDGE.compressed_imgmsg_to_cv2(message, 'bgr8')
-
-
-def write_pixels(message, image):
-    message.data = cv2.imencode('.png', image)[1].tobytes()
-    message.format = 'png'
-
-
-def later_half(entries):
-    """Record time between the two captured exposures."""
-    return begin_of(entries) + sum(CAPTURED) / 2
-
-
-def a_capture(random):
-    return CAPTURED[random.integers(2)]
-
-
-def direction(random):
-    vector = random.normal(size=3)
-    return vector / np.linalg.norm(vector)
-
-
-def move(edge, vector):
-    t = edge.transform.translation
-    t.x, t.y, t.z = t.x + vector[0], t.y + vector[1], t.z + vector[2]
-
-
-def moved_in_time(entries, by):
-    """Stamps and record times alike [s]."""
-    shift = genpy.Duration.from_sec(by)
-    for entry in entries:
-        topic, message, _ = entry
-        for header in [edge.header for edge in message.transforms] if topic in ('/tf', '/tf_static') else [message.header]:
-            header.stamp += shift
-        entry[2] += shift
-    return entries
 
 
 # ---- poses
@@ -262,13 +192,6 @@ def setting_not_calibrated(entries, random):
 
 # ---- images
 
-def change_images(entries, sides, change, since=0):
-    for topic, message, time in images(entries):
-        if any(side in topic for side in sides) and time.to_sec() >= since:
-            write_pixels(message, change(pixels(message)))
-    return entries
-
-
 @fault
 def image_blank(entries, random):
     grey = int(random.integers(0, 255))
@@ -399,121 +322,4 @@ def topic_of_another_name(entries, random):
     side = random.choice(['left', 'right'])
     for entry in entries:
         entry[0] = entry[0].replace(f'/stereo/{side}/', f'/cam_{side}/')
-    return entries
-
-
-# ---- variants that are no faults
-
-@variant
-def untouched(entries, _):
-    return entries
-
-
-@variant
-def tracker_with_its_noise(entries, random):
-    sd = random.uniform(0.000005, 0.00002)
-    for _, _, edge in edges(entries, 'microscope'):
-        move(edge, sd * random.normal(size=3))
-    return entries
-
-
-@variant
-def another_day(entries, random):
-    return moved_in_time(entries, float(random.integers(-10000000, 10000000)))
-
-
-@variant
-def messages_twice(entries, random):
-    return entries + [[topic, copy.deepcopy(message), time] for topic, message, time in entries if random.random() < 0.3]
-
-
-@variant
-def other_topics(entries, random):
-    out = []
-    for topic, message, time in entries:
-        if topic.startswith('/stereo/left') and random.random() < 0.5:
-            out.append([topic.replace('/stereo/left', '/room_camera'), copy.deepcopy(message), time])
-    return entries + out
-
-
-@variant
-def other_edges(entries, random):
-    out = []
-    for time, _, edge in edges(entries, 'microscope'):
-        other = copy.deepcopy(edge)
-        other.child_frame_id = 'pointer'
-        move(other, 0.01 * random.normal(size=3))
-        out.append(['/tf', tf2_msgs.msg.TFMessage([other]), time])
-    return entries + out
-
-
-@variant
-def recorded_a_little_later(entries, random):
-    return [[topic, message, seconds(time.to_sec() + random.uniform(0, 0.08))] for topic, message, time in entries]
-
-
-@variant
-def fixed_edges_repeated(entries, _):
-    out = []
-    for time, message, _ in list(edges(entries, 'left_optical', '/tf_static')):
-        out += [['/tf_static', copy.deepcopy(message), time + genpy.Duration.from_sec(after)] for after in (0.2, 8, 16)]
-    return entries + out
-
-
-@variant
-def fixed_edges_on_tf_as_well(entries, _):
-    _, fixed, _ = next(edges(entries, 'left_optical', '/tf_static'))
-    out = []
-    for time, _, _ in edges(entries, 'microscope'):
-        again = copy.deepcopy(fixed)
-        for edge in again.transforms:
-            edge.header.stamp = time
-        out.append(['/tf', again, time])
-    return entries + out
-
-
-@variant
-def frames_with_slashes(entries, _):
-    for topic in ('/tf', '/tf_static'):
-        for name, message, _ in entries:
-            if name == topic:
-                for edge in message.transforms:
-                    edge.header.frame_id = '/' + edge.header.frame_id.strip('/')
-                    edge.child_frame_id = '/' + edge.child_frame_id.strip('/')
-    return entries
-
-
-@variant
-def raw_as_well(entries, _):
-    out = []
-    for topic, message, time in images(entries):
-        raw = BRIDGE.cv2_to_imgmsg(pixels(message), 'bgr8')
-        raw.header = copy.deepcopy(message.header)
-        out.append([topic[:-len('/compressed')], raw, time])
-    return entries + out
-
-
-@variant
-def brighter(entries, random):
-    gain = random.uniform(0.85, 1.1)
-    return change_images(entries, ['left', 'right'], lambda image: cv2.convertScaleAbs(image, alpha=gain))
-
-
-def halved(entries):
-    """The same case with images of half the size, for speed: pixel (u, v) of them is (2u + 0.5, 2v + 0.5)."""
-    for topic, message, _ in entries:
-        if isinstance(message, CompressedImage) or topic.endswith('/compressed'):
-            write_pixels(message, cv2.resize(pixels(message), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
-        elif topic.endswith('/camera_info'):
-            message.width, message.height = message.width // 2, message.height // 2
-            K, P = list(message.K), list(message.P)
-            for k in (0, 4):
-                K[k] /= 2
-            for k in (2, 5):
-                K[k] = (K[k] - 0.5) / 2
-            for k in (0, 3, 5):
-                P[k] /= 2
-            for k in (2, 6):
-                P[k] = (P[k] - 0.5) / 2
-            message.K, message.P = K, P
     return entries

@@ -5,7 +5,7 @@ import subprocess
 import numpy as np
 import rosbag
 
-import faults
+import changes
 import recorded_cases as cases
 from graph import field_arrays
 from offline_tools import PHANTOM_BAG, read_field
@@ -17,7 +17,7 @@ SHIFT = 'dural_opening:after_resection'
 def shipped_entries():
     """[topic, message, record time] of the shipped recording, its images at half the size."""
     with rosbag.Bag(PHANTOM_BAG) as bag:
-        return faults.halved([[topic, message, time] for topic, message, time in bag.read_messages()])
+        return changes.halved([[topic, message, time] for topic, message, time in bag.read_messages()])
 
 
 def write(entries, path, types=None):
