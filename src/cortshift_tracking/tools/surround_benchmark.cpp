@@ -2,15 +2,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
-#include <cstring>
-#include <exception>
 #include <functional>
 #include <memory>
 #include <opencv2/core.hpp>
 #include <string>
 #include <vector>
 
+#include "cortshift_stereo/command_line.hpp"
 #include "cortshift_tracking/field/closure.hpp"
 #include "cortshift_tracking_phantom/field_truth.hpp"
 #include "tracked_case.hpp"
@@ -34,7 +32,7 @@ constexpr const char* kUsage =
     "  --drifts N      how many random drifts, 20 if not given\n"
     "Exit status: 0 done, 1 failed, 2 bad usage.\n";
 
-struct Options {
+struct Wanted {
   std::string set;
   std::vector<std::string> only, cases{"photograph", "other"};
   bool chosen = false;  ///< by --case
@@ -45,6 +43,34 @@ struct Options {
     return only.empty() || std::find(only.begin(), only.end(), what) != only.end();
   }
 };
+
+Wanted wantedOf(const cortshift_stereo::Options& given) {
+  Wanted wanted;
+  wanted.set = given.required("set");
+  wanted.only = given.list("only");
+  wanted.chosen = !given.list("case").empty();
+  if (wanted.chosen) wanted.cases = given.list("case");
+  wanted.resolution = given.number("resolution", wanted.resolution);
+  wanted.drifts = static_cast<int>(given.number("drifts", wanted.drifts));
+  if (wanted.drifts < 1) throw cortshift_stereo::UsageError("--drifts: give at least 1");
+  return wanted;
+}
+
+/// The shift from the first to the last stage as an exact tracker sees it, and its error.
+struct ExactShift {
+  explicit ExactShift(const TrackedCase& rendered)
+      : result(rendered.shift(0, rendered.stages() - 1, exactTracker(rendered.stages()), SurroundMode::kCorrect)),
+        error(rendered.errorOf(result, 0, rendered.stages() - 1, exactTracker(rendered.stages()))) {}
+  ShiftResult result;
+  FieldError error;
+};
+
+/// The first and the last of three stages, changed.
+TrackedCase firstAndLast(PhantomCase description, const std::function<void(PhantomCase&)>& change, double resolution) {
+  description.stages.erase(description.stages.begin() + 1);
+  change(description);
+  return TrackedCase(description, resolution);
+}
 
 void printTracker(const std::string& name, const TrackedCase& rendered) {
   std::vector<DisplacementField> chain;
@@ -149,29 +175,28 @@ std::vector<Variant> misleading() {
 
 void printMisled(const std::string& name, const PhantomCase& description, double resolution) {
   for (const Variant& variant : misleading()) {
-    PhantomCase changed = description;
-    changed.stages.erase(changed.stages.begin() + 1);
-    variant.change(changed);
-    const TrackedCase rendered(changed, resolution);
+    const TrackedCase rendered = firstAndLast(description, variant.change, resolution);
     const int to = rendered.stages() - 1;
-    const ShiftResult exact = rendered.shift(0, to, exactTracker(rendered.stages()), SurroundMode::kCorrect);
-    const FieldError still = rendered.errorOf(exact, 0, to, exactTracker(rendered.stages()));
-    const double change = exact.summary.correction
-                              ? (exact.summary.correction->transform_pmr * rendered.scene().pointAt(0, 0, 0) -
-                                 rendered.scene().pointAt(0, 0, 0))
-                                    .norm()
-                              : 0;
+    const ExactShift exact(rendered);
+    const auto& correction = exact.result.summary.correction;
+    const double change =
+        correction
+            ? (correction->transform_pmr * rendered.scene().pointAt(0, 0, 0) - rendered.scene().pointAt(0, 0, 0)).norm()
+            : 0;
     for (std::uint64_t seed : {1, 2, 3}) {
       const auto errors = randomDrift(rendered.stages(), seed);
       const ShiftResult on = rendered.shift(0, to, errors, SurroundMode::kCorrect);
       const FieldError after = rendered.errorOf(on, 0, to, errors);
       std::printf("| %s, %s | %.3f: %.3f | %.3f / %.3f | %.2f | %s |\n", name.c_str(), variant.name.c_str(),
-                  1e3 * change, 1e3 * still.median, 1e3 * after.median, 1e3 * after.p95, after.over_uncertainty,
+                  1e3 * change, 1e3 * exact.error.median, 1e3 * after.median, 1e3 * after.p95, after.over_uncertainty,
                   on.summary.surround.c_str());
       std::fflush(stdout);
     }
   }
 }
+
+/// So near that no bone is in view.
+void closeUp(PhantomCase& c) { c.cameras.field_of_view = 0.034; }
 
 /// Things on the first stage that an outline has to stand.
 std::vector<Variant> views() {
@@ -190,7 +215,7 @@ std::vector<Variant> views() {
              c.stages[0].retractor->heading = 2.5;
              c.stages[0].retractor->tip = {-0.012, 0.006, 0.006};
            }},
-          {"close", [](PhantomCase& c) { c.cameras.field_of_view = 0.034; }}};
+          {"close", closeUp}};
 }
 
 struct Tint {
@@ -207,10 +232,7 @@ const std::vector<Tint> kTints{{"", {1, 1, 1}},
 
 void printOutlines(const std::string& name, const PhantomCase& description, double resolution) {
   for (const Variant& variant : views()) {
-    PhantomCase changed = description;
-    changed.stages.erase(changed.stages.begin() + 1);
-    variant.change(changed);
-    const TrackedCase rendered(changed, resolution);
+    const TrackedCase rendered = firstAndLast(description, variant.change, resolution);
     const auto errors = exactTracker(2);
     ShiftResult result = rendered.shift(0, 1, errors, SurroundMode::kOff);
     for (const Tint& tint : kTints) {
@@ -231,7 +253,7 @@ void printOutlines(const std::string& name, const PhantomCase& description, doub
   }
 }
 
-void runAll(const Options& options) {
+void runAll(const Wanted& options) {
   const auto load = [&](const std::string& name) { return loadPhantomCase(options.set + "/" + name + ".yaml"); };
   if (options.wants("tracker") || options.wants("drifts")) {
     std::string drifts;
@@ -252,11 +274,9 @@ void runAll(const Options& options) {
           "| worse than as tracked | error / uncertainty |\n| --- | --- | --- | --- | --- | --- | --- |\n");
       for (const auto& [name, rendered] : all) {
         printDrifts(name, *rendered, options.drifts);
-        const ShiftResult exact =
-            rendered->shift(0, rendered->stages() - 1, exactTracker(rendered->stages()), SurroundMode::kCorrect);
-        const FieldError error = rendered->errorOf(exact, 0, rendered->stages() - 1, exactTracker(rendered->stages()));
-        std::printf("| %s, exact tracker | | %.3f | | %d of 1 | | %.2f |\n", name.c_str(), 1e3 * error.median,
-                    exact.summary.correction ? 1 : 0, error.over_uncertainty);
+        const ExactShift exact(*rendered);
+        std::printf("| %s, exact tracker | | %.3f | | %d of 1 | | %.2f |\n", name.c_str(), 1e3 * exact.error.median,
+                    exact.result.summary.correction ? 1 : 0, exact.error.over_uncertainty);
       }
     }
   }
@@ -265,16 +285,11 @@ void runAll(const Options& options) {
         "\n| no bone in view | as tracked mm | corrected mm | worst mm | corrected | worse | error / uncertainty |\n"
         "| --- | --- | --- | --- | --- | --- | --- |\n");
     for (const std::string& name : options.cases) {
-      PhantomCase close = load(name);
-      close.stages.erase(close.stages.begin() + 1);
-      close.cameras.field_of_view = 0.034;
-      TrackedCase rendered(close, options.resolution);
+      TrackedCase rendered = firstAndLast(load(name), closeUp, options.resolution);
       printDrifts(name + ", close", rendered, options.drifts);
       rendered.settings.surround.pose_translation_sd = rendered.settings.surround.pose_rotation_sd = 0;
-      const ShiftResult exact =
-          rendered.shift(0, rendered.stages() - 1, exactTracker(rendered.stages()), SurroundMode::kCorrect);
       std::printf("| %s, close, a tracker configured as exact | | | | | | %.2f |\n", name.c_str(),
-                  rendered.errorOf(exact, 0, rendered.stages() - 1, exactTracker(rendered.stages())).over_uncertainty);
+                  ExactShift(rendered).error.over_uncertainty);
     }
   }
   if (options.wants("misled")) {
@@ -290,45 +305,10 @@ void runAll(const Options& options) {
   }
 }
 
-bool parse(int argc, char** argv, Options& out) {
-  for (int i = 1; i < argc; i += 2) {
-    if (i + 1 == argc) return false;
-    const std::string name = argv[i];
-    if (name == "--set")
-      out.set = argv[i + 1];
-    else if (name == "--only")
-      out.only.emplace_back(argv[i + 1]);
-    else if (name == "--case") {
-      if (!out.chosen) out.cases.clear();
-      out.chosen = true;
-      out.cases.emplace_back(argv[i + 1]);
-    } else if (name == "--resolution")
-      out.resolution = std::atof(argv[i + 1]);
-    else if (name == "--drifts")
-      out.drifts = std::max(1, std::atoi(argv[i + 1]));
-    else
-      return false;
-  }
-  return !out.set.empty();
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc == 2 && (std::strcmp(argv[1], "--help") == 0 || std::strcmp(argv[1], "-h") == 0)) {
-    std::fputs(kUsage, stdout);
-    return 0;
-  }
-  Options options;
-  if (!parse(argc, argv, options)) {
-    std::fputs(kUsage, stderr);
-    return 2;
-  }
-  try {
-    runAll(options);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "surround_benchmark: %s\n", error.what());
-    return 1;
-  }
-  return 0;
+  return cortshift_stereo::runTool(argc, argv, kUsage, {"set", "resolution", "drifts"},
+                                   [](const cortshift_stereo::Options& given) { runAll(wantedOf(given)); }, {},
+                                   {"case", "only"});
 }
