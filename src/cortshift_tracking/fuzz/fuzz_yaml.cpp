@@ -1,9 +1,11 @@
-// Files of calibration and settings, poses as a table, excluded regions, and what a case keeps. The first byte says
-// which.
+// Files of calibration and settings, poses as a table, and excluded regions. The first byte says which.
+#include <unistd.h>
+
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 
-#include "bytes_as_file.hpp"
 #include "cortshift_flow/flow.hpp"
 #include "cortshift_stereo/calibration/camera_info_yaml.hpp"
 #include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
@@ -14,34 +16,18 @@
 
 namespace {
 
-void read(int which, const std::string& path) {
-  switch (which) {
-    case 0:
-      cortshift_stereo::readCameraInfoYaml(path);
-      break;
-    case 1:
-      cortshift_stereo::readHandEyeYaml(path);
-      break;
-    case 2:
-      cortshift_stereo::readHandEyeDeviation(path);
-      break;
-    case 3:
-      cortshift_stereo::readPoseTable(path);
-      break;
-    case 4:
-      cortshift_stereo::readSettingsManifest(path);
-      break;
-    case 5:
-      cortshift_stereo::readSettingsWarp(path);
-      break;
-    case 6:
-      cortshift_tracking::readRegions(path);
-      break;
-    default:
-      cortshift_flow::readSettings(path);
-      break;
-  }
-}
+using Read = void (*)(const std::string&);
+
+constexpr Read kReaders[] = {
+    [](const std::string& path) { cortshift_stereo::readCameraInfoYaml(path); },
+    [](const std::string& path) { cortshift_stereo::readHandEyeYaml(path); },
+    [](const std::string& path) { cortshift_stereo::readHandEyeDeviation(path); },
+    [](const std::string& path) { cortshift_stereo::readPoseTable(path); },
+    [](const std::string& path) { cortshift_stereo::readSettingsManifest(path); },
+    [](const std::string& path) { cortshift_stereo::readSettingsWarp(path); },
+    [](const std::string& path) { cortshift_tracking::readRegions(path); },
+    [](const std::string& path) { cortshift_flow::readSettings(path); },
+};
 
 }  // namespace
 
@@ -55,7 +41,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     file.write(reinterpret_cast<const char*>(data + 1), static_cast<std::streamsize>(size - 1));
   }
   try {
-    read(data[0] % 8, path.string());
+    kReaders[data[0] % std::size(kReaders)](path.string());
   } catch (const std::runtime_error&) {     // each reader has its own kind, and its message
   } catch (const std::invalid_argument&) {  // that of the flow's settings
   }
