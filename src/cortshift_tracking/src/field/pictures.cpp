@@ -71,6 +71,7 @@ std::string drawBrain(cv::Mat& picture, const DisplacementField& field) {
   if (field.brain.empty()) return "";
   std::vector<std::vector<cv::Point>> contours;
   cv::findContours(upright(field.brain, cv::INTER_LINEAR) >= 128, contours, cv::RETR_LIST, cv::CHAIN_APPROX_NONE);
+  cv::drawContours(picture, contours, -1, {0, 0, 0}, 4, cv::LINE_8);  // so that it is seen on light colours too
   cv::drawContours(picture, contours, -1, {255, 255, 255}, 2, cv::LINE_AA);
   return "; white: brain";
 }
