@@ -250,11 +250,10 @@ class _Case:
         self._text(path, picks.FILE_NAME, _csv([picks.COLUMNS, *rows]))
 
     def _summary(self, path):
-        with open(path, encoding='utf-8', newline='') as file:
-            reader = csv.DictReader(file)
-            columns = [name for name in reader.fieldnames or () if re.fullmatch(r'[a-z]+(_[a-z]+)*', name) and (
-                name.endswith(('_m', '_rad', '_points', '_key')) or name in ('overlap', *SUMMARY_TEXTS))]
-            rows = [[self._cell(name, row[name] or '') for name in columns] for row in reader]
+        reader = csv.DictReader(io.StringIO(read_text(path), newline=''))
+        columns = [name for name in reader.fieldnames or () if re.fullmatch(r'[a-z]+(_[a-z]+)*', name) and (
+            name.endswith(('_m', '_rad', '_points', '_key')) or name in ('overlap', *SUMMARY_TEXTS))]
+        rows = [[self._cell(name, row[name] or '') for name in columns] for row in reader]
         self._text(path, SUMMARY_NAME, _csv([columns, *rows]))
 
     def _cell(self, name, text):

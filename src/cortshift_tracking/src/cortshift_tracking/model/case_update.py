@@ -59,7 +59,7 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
     confidence = np.nan_to_num(field.confidence)
     # Bone and drape do not pull: the brain slides below them.
     start = np.where(((confidence > 0) & field.on_brain(field.start))[..., None], field.start, np.nan).reshape(-1, 3)
-    uncertainty = getattr(field, 'uncertainty', None)
+    uncertainty = field.uncertainty
     pulls = bin_field(model, start, field.displacement.reshape(-1, 3), None if uncertainty is None else uncertainty.ravel(),
                       common=float(np.nan_to_num(getattr(field.summary, 'common_sd', 0.0))))
     gone = np.zeros(len(model.tissue), bool)
