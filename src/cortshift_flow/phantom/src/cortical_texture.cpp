@@ -64,8 +64,8 @@ CorticalTexture::CorticalTexture(const Settings& settings)
     const double direction =
         kPi * (static_cast<double>(i) + uniform(random_state_)) / static_cast<double>(gyral_waves_.size());
     const double wavelength = kGyralWavelength * (0.75 + 0.5 * uniform(random_state_));
-    gyral_waves_[i] = {2 * kPi / wavelength * std::cos(direction), 2 * kPi / wavelength * std::sin(direction),
-                       2 * kPi * uniform(random_state_)};
+    gyral_waves_.set(i, 2 * kPi / wavelength * std::cos(direction), 2 * kPi / wavelength * std::sin(direction),
+                     2 * kPi * uniform(random_state_));
   }
   growVessels();
   indexSegments();
@@ -74,12 +74,11 @@ CorticalTexture::CorticalTexture(const Settings& settings)
 double CorticalTexture::gyralField(double x, double y, double* dx, double* dy) const {
   const double scale = 1.0 / std::sqrt(0.5 * static_cast<double>(gyral_waves_.size()));
   double value = 0, sum_x = 0, sum_y = 0;
-  for (const Wave& wave : gyral_waves_) {
-    const double angle = wave.kx * x + wave.ky * y + wave.phase;
-    value += std::cos(angle);
-    const double s = std::sin(angle);
-    sum_x -= wave.kx * s;
-    sum_y -= wave.ky * s;
+  const auto cosines = gyral_waves_.cosines(x, y), sines = gyral_waves_.sines(x, y);
+  for (std::size_t i = 0; i < gyral_waves_.size(); ++i) {
+    value += cosines[i];
+    sum_x -= gyral_waves_.kx()[i] * sines[i];
+    sum_y -= gyral_waves_.ky()[i] * sines[i];
   }
   *dx = sum_x * scale;
   *dy = sum_y * scale;

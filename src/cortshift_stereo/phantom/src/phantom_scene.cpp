@@ -43,11 +43,11 @@ Outline::Outline(const OutlineSettings& settings)
       inverse_square_(settings.radii.cwiseProduct(settings.radii).cwiseInverse()),
       smallest_half_axis_(settings.radii.minCoeff()) {
   Random random(settings.seed);
-  const double share = settings.irregularity / static_cast<double>(waves_.size());
-  for (Wave& wave : waves_) {
+  amplitude_ = 2 * settings.irregularity / static_cast<double>(waves_.size());
+  for (std::size_t i = 0; i < waves_.size(); ++i) {
     const double k = kPi / settings.radii.mean() * (0.7 + 0.6 * random.uniform());
     const double heading = 2 * kPi * random.uniform();
-    wave = {k * std::cos(heading), k * std::sin(heading), 2 * kPi * random.uniform(), 2 * share};
+    waves_.set(i, k * std::cos(heading), k * std::sin(heading), 2 * kPi * random.uniform());
   }
 }
 
@@ -55,13 +55,11 @@ ScalarField Outline::radius(double x, double y) const {
   const double u = x - centre_.x(), v = y - centre_.y();
   double square = u * u * inverse_square_.x() + v * v * inverse_square_.y();
   double dx = 2 * u * inverse_square_.x(), dy = 2 * v * inverse_square_.y();
-  for (const Wave& wave : waves_) {
-    const double angle = wave.kx * u + wave.ky * v + wave.phase;
-    const double s = wave.amplitude * std::sin(angle);
-    square += s;
-    const double c = wave.amplitude * std::cos(angle);
-    dx += c * wave.kx;
-    dy += c * wave.ky;
+  const auto sines = waves_.sines(u, v), cosines = waves_.cosines(u, v);
+  for (std::size_t i = 0; i < waves_.size(); ++i) {
+    square += amplitude_ * sines[i];
+    dx += amplitude_ * cosines[i] * waves_.kx()[i];
+    dy += amplitude_ * cosines[i] * waves_.ky()[i];
   }
   // Every step of the radius is flat well before the middle, where the root has no derivative.
   constexpr double kMiddle = 1e-4;

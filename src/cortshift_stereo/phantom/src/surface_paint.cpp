@@ -1,8 +1,8 @@
 #include "surface_paint.hpp"
 
-#include <array>
 #include <cmath>
 
+#include "cortshift_flow_phantom/plane_waves.hpp"
 #include "imaging/tissue_picture.hpp"
 #include "random.hpp"
 #include "scene_stage.hpp"
@@ -25,27 +25,32 @@ class Pattern {
   Pattern(double wavelength, std::uint64_t seed) {
     Random random(seed);
     constexpr double kTurn = 6.283185307179586;
-    for (Wave& wave : waves_) {
+    for (std::size_t i = 0; i < waves_.size(); ++i) {
       const double k = kTurn / wavelength * (0.6 + 0.8 * random.uniform()), heading = kTurn * random.uniform();
-      wave = {k * std::cos(heading), k * std::sin(heading), kTurn * random.uniform()};
+      waves_.set(i, k * std::cos(heading), k * std::sin(heading), kTurn * random.uniform());
     }
   }
 
   double operator()(double x, double y) const {
-    double sum = 0;
-    for (const Wave& wave : waves_) sum += std::cos(wave.kx * x + wave.ky * y + wave.phase);
-    return sum / std::sqrt(0.5 * static_cast<double>(waves_.size()));
+    return waves_.sum(x, y) / std::sqrt(0.5 * static_cast<double>(waves_.size()));
   }
 
  private:
-  struct Wave {
-    double kx, ky, phase;
-  };
-  std::array<Wave, 7> waves_;
+  cortshift_flow_phantom::PlaneWaves<7> waves_;
 };
 
 cv::Vec3f mix(const cv::Vec3f& a, const cv::Vec3f& b, double share) {
   return a * static_cast<float>(1 - share) + b * static_cast<float>(share);
+}
+
+/// @param edge distance from the rim [m]; @param coarse, fine patterns there
+cv::Vec3f duraOrBone(double edge, double coarse, double fine) {
+  const cv::Vec3f dura = kDura * static_cast<float>(1 + 0.05 * coarse + 0.04 * fine);
+  // Bone: pores, and the bleeding marrow in blotches.
+  const double pores = smoothStep((fine - 0.8) / 0.6), marrow = smoothStep((coarse - 0.6) / 0.8);
+  cv::Vec3f bone = mix(kBone * static_cast<float>(1 + 0.05 * coarse), cv::Vec3f(0.30F, 0.32F, 0.55F), 0.6 * marrow);
+  bone = mix(bone, cv::Vec3f(0.25F, 0.28F, 0.42F), 0.5 * pores);
+  return mix(dura, bone, smoothStep((edge - kDuraWidth) / (2 * kSeam) + 0.5));
 }
 
 }  // namespace
@@ -54,22 +59,20 @@ SurfacePaint::SurfacePaint(const PhantomScene& scene, int stage) : scene_(scene)
 
 cv::Vec3f SurfacePaint::rim(double x, double y, double outside) const {
   static const Pattern kCoarse(0.004, 11), kFine(0.0009, 12), kSeams(0.008, 13);
-  const double coarse = kCoarse(x, y), fine = kFine(x, y);
   const double edge = outside + 0.0003 * kSeams(x, y);  // no seam is a perfect line
-  const cv::Vec3f dura = kDura * static_cast<float>(1 + 0.05 * coarse + 0.04 * fine);
-  // Bone: pores, and the bleeding marrow in blotches.
-  const double pores = smoothStep((fine - 0.8) / 0.6), marrow = smoothStep((coarse - 0.6) / 0.8);
-  cv::Vec3f bone = mix(kBone * static_cast<float>(1 + 0.05 * coarse), cv::Vec3f(0.30F, 0.32F, 0.55F), 0.6 * marrow);
-  bone = mix(bone, cv::Vec3f(0.25F, 0.28F, 0.42F), 0.5 * pores);
-  // Drape: woven threads, and folds. It may slide.
-  const Eigen::Vector2d slid = stage_ == PhantomScene::kUndeformed
-                                   ? Eigen::Vector2d(0, 0)
-                                   : scene_.description().stages[static_cast<std::size_t>(stage_)].drape;
-  const double u = x - slid.x(), v = y - slid.y();
-  const double weave = std::sin(u * 6283.0 / 0.7) * std::sin(v * 6283.0 / 0.7);
-  const cv::Vec3f drape = kDrape * static_cast<float>(1 + 0.16 * weave + 0.14 * kCoarse(u, v) + 0.08 * kFine(u, v));
-  const cv::Vec3f inner = mix(dura, bone, smoothStep((edge - kDuraWidth) / (2 * kSeam) + 0.5));
-  return mix(inner, drape, smoothStep((edge - kBoneWidth) / (2 * kSeam) + 0.5));
+  const double drape_share = smoothStep((edge - kBoneWidth) / (2 * kSeam) + 0.5);
+  cv::Vec3f inner(0, 0, 0), drape(0, 0, 0);
+  if (drape_share < 1) inner = duraOrBone(edge, kCoarse(x, y), kFine(x, y));
+  if (drape_share > 0) {
+    // Woven threads, and folds. It may slide.
+    const Eigen::Vector2d slid = stage_ == PhantomScene::kUndeformed
+                                     ? Eigen::Vector2d(0, 0)
+                                     : scene_.description().stages[static_cast<std::size_t>(stage_)].drape;
+    const double u = x - slid.x(), v = y - slid.y();
+    const double weave = std::sin(u * 6283.0 / 0.7) * std::sin(v * 6283.0 / 0.7);
+    drape = kDrape * static_cast<float>(1 + 0.16 * weave + 0.14 * kCoarse(u, v) + 0.08 * kFine(u, v));
+  }
+  return mix(inner, drape, drape_share);
 }
 
 Paint SurfacePaint::at(double x, double y, const SurfaceSample& surface) const {

@@ -6,6 +6,8 @@ import time
 
 import numpy as np
 import rosbag
+import roslaunch
+import roslaunch.xmlloader
 import rospy
 from cortshift_msgs.msg import DisplacementField
 from cortshift_msgs.srv import (CaptureMeanStage, CaptureStage, ComputeShift, DeleteStage, ExcludeRegions, ListStages,
@@ -135,3 +137,10 @@ class TrackerProcess:
         """Sends a signal and returns the exit status."""
         self._process.send_signal(number)
         return self._process.wait(timeout=60)
+
+
+def loaded(launch, *arguments):
+    """What roslaunch makes of a launch file, without the master's own, whose command takes most of the time."""
+    config = roslaunch.config.ROSLaunchConfig()
+    roslaunch.xmlloader.XmlLoader().load(str(launch), config, argv=list(arguments), verbose=False)
+    return config

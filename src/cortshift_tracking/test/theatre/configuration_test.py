@@ -3,8 +3,8 @@ import pathlib
 import subprocess
 
 import pytest
-import roslaunch
 import yaml
+from graph import loaded
 from roslib.packages import find_node
 from site_example import with_examples
 
@@ -59,7 +59,7 @@ def test_site_names_parameters_that_its_nodes_have():
     """Those in the comments too: a site takes the # away."""
     site = yaml.load(with_examples((ROOT / 'config/site.yaml').read_text()), StrictLoader)
     assert {'stereo_driver', 'igtl_bridge', 'shift_tracker'} <= set(site)
-    launched = roslaunch.config.load_config_default([str(ROOT / 'launch/phantom.launch')], port=None, assign_machines=False)
+    launched = loaded(ROOT / 'launch/phantom.launch')
     for node, parameters in site.items():
         own = ROOT / f'config/{node}.yaml'
         if own.exists():
@@ -70,7 +70,7 @@ def test_site_names_parameters_that_its_nodes_have():
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'src').glob('*/test/**/*.test')), ids=lambda p: p.name)
 def test_what_a_graph_test_runs_is_there(path):
-    config = roslaunch.config.load_config_default([(str(path), [])], port=None, assign_machines=False)
+    config = loaded(path)
     assert config.tests
     for node in [*config.nodes, *config.tests]:
         assert find_node(node.package, node.type), f'{path.name}: {node.package}/{node.type} does not exist'
@@ -81,20 +81,19 @@ def test_what_a_graph_test_runs_is_there(path):
 def test_launch_file_loads(path, arguments):
     if path.parent.name == 'include' and arguments == []:
         arguments = ['rviz:=false']
-    config = roslaunch.config.load_config_default([(str(path), arguments)], port=None, assign_machines=False)
+    config = loaded(path, *arguments)
     assert config.nodes
     for node in config.nodes:
         assert find_node(node.package, node.type), f'{path.name}: {node.package}/{node.type} does not exist'
 
 
 def test_replay_with_static_tf_and_bag():
-    config = roslaunch.config.load_config_default([(str(ROOT / 'launch/replay.launch'), ['bag:=x.bag', 'static_tf:=y.yaml'])],
-                                                  port=None, assign_machines=False)
+    config = loaded(ROOT / 'launch/replay.launch', 'bag:=x.bag', 'static_tf:=y.yaml')
     assert {'publish_static_tf', 'rosbag_play'} <= {node.name for node in config.nodes}
 
 
 def test_gravity_of_phantom_launch_is_that_of_its_case():
-    config = roslaunch.config.load_config_default([str(ROOT / 'launch/phantom.launch')], port=None, assign_machines=False)
+    config = loaded(ROOT / 'launch/phantom.launch')
     case = yaml.safe_load((ROOT / 'config/phantom/phantom_case.yaml').read_text())
     assert config.params['/shift_tracker/gravity'].value == case['gravity_in_pmr']
 

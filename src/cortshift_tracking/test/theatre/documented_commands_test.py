@@ -5,9 +5,9 @@ import shlex
 import subprocess
 
 import pytest
-import roslaunch
 import rosservice
 import yaml
+from graph import loaded
 from roslib.message import get_service_class
 from roslib.packages import find_node
 
@@ -55,7 +55,7 @@ def test_there_are_commands():
 def test_launch_files_take_their_arguments(command):
     words = [word for word in words_of(command)[1:] if not word.startswith('--')]
     file, arguments = words[0], [word.replace('$PWD', str(ROOT)) for word in words[1:]]
-    config = roslaunch.config.load_config_default([(str(ROOT / file), arguments)], port=None, assign_machines=False)
+    config = loaded(ROOT / file, *arguments)
     assert config.nodes
     text = (ROOT / file).read_text()
     for argument in arguments:

@@ -6,11 +6,11 @@ import shutil
 import subprocess
 
 import pytest
-import roslaunch
 from cortshift_tracking.theatre.launched import own_parameter
+from graph import loaded
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
-NAMES = ['my case', 'Müller, Ödön', "O'Brien", 'plain', 'データ']
+NAMES = ['plain', "O'Brien, Müller データ"]
 #: Every argument that is a path: launch file, argument, the parameter that it becomes, and what else must be given.
 PATHS = [('replay', 'bag', '/rosbag_play/bag', []), ('replay', 'static_tf', '/publish_static_tf/file', []),
          ('replay', 'case_folder', '/shift_tracker/case_folder', []), ('replay', 'case_folder', '/probe/case', []),
@@ -35,8 +35,7 @@ def place(tmp_path, monkeypatch, request):
 
 
 def parameters(launch, *arguments):
-    config = roslaunch.config.load_config_default([(str(ROOT / f'launch/{launch}.launch'), list(arguments))], port=None,
-                                                  assign_machines=False)
+    config = loaded(ROOT / f'launch/{launch}.launch', *arguments)
     return {name: parameter.value for name, parameter in config.params.items()}, config
 
 
@@ -47,10 +46,13 @@ def test_no_brain_model_without_a_model(launch):
     assert 'brain_model' not in nodes() and 'brain_model' in nodes('model:=model.npz')
 
 
-@pytest.mark.parametrize('launch, argument, parameter, more', PATHS, ids=[f'{p[0]}-{p[1]}-{p[2].split("/")[1]}' for p in PATHS])
-def test_paths_are_those_of_the_caller(place, launch, argument, parameter, more):
-    for given in ('a file.yaml', './a file.yaml', str(place / 'a file.yaml')):
-        assert parameters(launch, f'{argument}:={given}', *more)[0][parameter] == str(place / 'a file.yaml')
+@pytest.mark.parametrize('given', ['a file.yaml', './a file.yaml', '{here}/a file.yaml'])
+@pytest.mark.parametrize('launch', sorted({path[0] for path in PATHS}))
+def test_paths_are_those_of_the_caller(place, launch, given):
+    """Each argument by itself: two of them may lead to one parameter."""
+    for _, argument, parameter, more in (path for path in PATHS if path[0] == launch):
+        found = parameters(launch, f'{argument}:={given.format(here=place)}', *more)[0][parameter]
+        assert found == str(place / 'a file.yaml'), f'{argument} as {parameter}'
 
 
 def test_no_path_is_a_word_of_a_command_line(place):
@@ -65,8 +67,7 @@ def test_the_other_machine_finds_its_environment(place):
     """roslaunch puts env-loader into a command line of that machine's shell."""
     for folder in ('launch', 'script', 'config'):
         shutil.copytree(ROOT / folder, place / folder)
-    launch = str(place / 'launch/two_machines.launch')
-    config = roslaunch.config.load_config_default([(launch, [])], port=None, assign_machines=False)
+    config = loaded(place / 'launch/two_machines.launch')
     loader, = shlex.split(config.machines['compute_pc'].env_loader)
     assert pathlib.Path(loader).samefile(place / 'script/machine')
 

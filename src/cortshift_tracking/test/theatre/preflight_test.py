@@ -57,6 +57,7 @@ class Tracker:
 def site(tmp_path, monkeypatch):
     """A site that is ready, but for cameras: source folder."""
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    monkeypatch.setattr(pf, 'LISTEN', 0.5)
     for name, text in (('left', camera_yaml('2026-04-20T10:00:00Z', 'left')), ('right', camera_yaml('2026-04-20T10:00:00Z', 'right')),
                        ('hand_eye', 'date: 2026-04-20T11:00:00Z\ntranslation: [0, 0, 0]\nrotation: [0, 0, 0, 1]\n')):
         (tmp_path / f'{name}.yaml').write_text(text)

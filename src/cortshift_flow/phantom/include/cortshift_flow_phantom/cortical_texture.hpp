@@ -2,10 +2,11 @@
 // Both phantoms (planar Eq. 6-8, and the stereo phantom) paint with it.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <opencv2/core.hpp>
 #include <vector>
+
+#include "cortshift_flow_phantom/plane_waves.hpp"
 
 namespace cortshift_flow_phantom {
 
@@ -44,9 +45,6 @@ class CorticalTexture {
     double x0, y0, r0, x1, y1, r1;  // ends and radii [m]
     bool vein;
   };
-  struct Wave {
-    double kx, ky, phase;
-  };
 
   void growVessels();
   void growVessel(double x, double y, double heading, double radius, bool vein, int generation);
@@ -57,7 +55,7 @@ class CorticalTexture {
 
   Settings settings_;
   std::uint64_t random_state_;
-  std::array<Wave, 9> gyral_waves_;
+  PlaneWaves<9> gyral_waves_;
   std::vector<Segment> segments_;
   std::vector<std::vector<int>> cells_;  // segments near each cell of a square grid
   int cells_per_side_ = 0;

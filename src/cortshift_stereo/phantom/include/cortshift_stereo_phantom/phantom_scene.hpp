@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "cortshift_flow_phantom/cortical_texture.hpp"
+#include "cortshift_flow_phantom/plane_waves.hpp"
 #include "cortshift_stereo_phantom/phantom_cameras.hpp"
 #include "cortshift_stereo_phantom/phantom_case.hpp"
 
@@ -31,12 +32,10 @@ class Outline {
   double smallestHalfAxis() const { return smallest_half_axis_; }  ///< [m]
 
  private:
-  struct Wave {
-    double kx, ky, phase, amplitude;
-  };
   Eigen::Vector2d centre_, inverse_square_;
   double smallest_half_axis_;
-  std::array<Wave, 5> waves_;
+  double amplitude_;
+  cortshift_flow_phantom::PlaneWaves<5> waves_;
 };
 
 /// A surface point and its tangents along the material coordinates, in the brain frame.

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "cortshift_flow_phantom/plane_waves.hpp"
 #include "random.hpp"
 #include "smooth_step.hpp"
 
@@ -16,30 +17,26 @@ constexpr int kSide = 1201;
 }  // namespace
 
 RippledFilm::RippledFilm(const FilmSettings& settings) : settings_(settings), slopes_(kSide, kSide) {
-  struct Wave {
-    double kx, ky, phase, x, y;
-  };
-  std::array<Wave, 12> waves;
+  cortshift_flow_phantom::PlaneWaves<12> waves;
+  std::array<Eigen::Vector2d, waves.size()> amplitudes;
   Random random(settings.seed);
   constexpr double kTurn = 6.283185307179586;
   // Each sine has half the square of its amplitude.
   const double amplitude = settings.slope * std::sqrt(2.0 / static_cast<double>(waves.size()));
-  for (Wave& wave : waves) {
+  for (std::size_t i = 0; i < waves.size(); ++i) {
     const double length = settings.wavelength * std::pow(2, 2 * random.uniform() - 1), k = kTurn / length;
     const double heading = kTurn * random.uniform(), c = std::cos(heading), s = std::sin(heading);
-    wave = {k * c, k * s, kTurn * random.uniform(), amplitude * c, amplitude * s};
+    waves.set(i, k * c, k * s, kTurn * random.uniform());
+    amplitudes[i] = {amplitude * c, amplitude * s};
   }
   cv::parallel_for_(cv::Range(0, kSide), [&](const cv::Range& rows) {
     for (int row = rows.start; row < rows.end; ++row)
       for (int column = 0; column < kSide; ++column) {
         const double x = column * kStep - kHalfExtent, y = row * kStep - kHalfExtent;
-        double sx = 0, sy = 0;
-        for (const Wave& wave : waves) {
-          const double rise = std::cos(wave.kx * x + wave.ky * y + wave.phase);
-          sx += wave.x * rise;
-          sy += wave.y * rise;
-        }
-        slopes_(row, column) = {static_cast<float>(sx), static_cast<float>(sy)};
+        const auto rise = waves.cosines(x, y);
+        Eigen::Vector2d slope(0, 0);
+        for (std::size_t i = 0; i < waves.size(); ++i) slope += rise[i] * amplitudes[i];
+        slopes_(row, column) = {static_cast<float>(slope.x()), static_cast<float>(slope.y())};
       }
   });
 }
