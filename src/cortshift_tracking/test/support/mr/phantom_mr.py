@@ -68,7 +68,7 @@ class Section:
         stage = reconstructed(folder, 'unmoved', case)
         tool('phantom_surface', case, 'unmoved', folder / 'exact.pcd')
         seen = inside_rim(read_pcd(folder / 'exact.pcd')[0], case)
-        self.volume = phantom_mr(folder, 0.25, case, 80)
+        self.volume = phantom_mr(folder, 0.25, case, 64)
         self.cortex = extract_cortex(self.volume, stage.points, settings=CortexSettings(resolution=0.00015, smoothing=0.00015))
         self.of_the_mr = np.abs(distances_to_cortex(seen, self.cortex))   # of the exact surface, NaN beyond the cortex [m]
         self.sure = sure_points(stage.points, stage.confidence)           # what a report draws
