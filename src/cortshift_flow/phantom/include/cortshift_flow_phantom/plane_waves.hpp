@@ -7,8 +7,8 @@
 namespace cortshift_flow_phantom {
 
 /// Plane waves in random directions, of which gyri, outlines, films and grain are made.
-/// Most of a rendered image's time goes into them: all waves of a set are evaluated together, in loops that the compiler turns into
-/// vector instructions, with a cosine that is right to 1e-12 for angles up to 1000 turns.
+/// Most of a rendered image's time goes into them: all waves of a set are evaluated together, in loops that the
+/// compiler turns into vector instructions, with a cosine that is right to 1e-12 for angles up to 1000 turns.
 template <std::size_t kCount>
 class PlaneWaves {
  public:
