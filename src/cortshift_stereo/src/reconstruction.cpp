@@ -84,8 +84,8 @@ Matching matchPair(const cv::Mat& left, const cv::Mat& right, const Rectifier& r
                    const ReconstructionSettings& settings) {
   const StereoModel& model = rectifier.model();
   Matching out;
-  out.pair = rectifier.rectify(left, right);
-  const RectifiedPair& pair = out.pair;
+  out.pair = rectifier.rectifySharp(left, right);
+  RectifiedPair& pair = out.pair;
   const SearchRange possible = possibleRange(model, settings.min_working_distance, settings.max_working_distance);
   out.quality.search_range = usedRange(pair.left_sharp, pair.right_sharp, model, possible, settings.relief);
   if (out.quality.search_range.size() == 0)
@@ -98,6 +98,7 @@ Matching matchPair(const cv::Mat& left, const cv::Mat& right, const Rectifier& r
   const cv::Mat match = out.disparity.clone();
   keepWhereBoth(out.disparity, pair.left_usable, pair.right_usable);
   if (pair.has_highlights) dropIslands(out.disparity);
+  rectifier.mixGrey(left, right, out.disparity, pair);
   const RefinedDisparity refined = refineDisparity(pair, out.disparity);
   out.disparity = refined.disparity;
   out.deviation = refined.deviation;

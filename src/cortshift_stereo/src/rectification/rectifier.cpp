@@ -6,8 +6,10 @@
 #include <opencv2/core/hal/intrin.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
+#include <vector>
 
 #include "cortshift_stereo/geometry/lens.hpp"
+#include "rectification/colour_mix.hpp"
 #include "rectification/fill.hpp"
 #include "rectification/highlights.hpp"
 
@@ -16,15 +18,15 @@ namespace {
 
 constexpr double kBlur = 0.9;  // [px] before resampling: removes detail too fine for cubic convolution
 
-/// Mean of the channels: the sensor noise is the same in all three, so equal weights give the least noise.
-cv::Mat luminance(const cv::Mat& bgr) {
+cv::Mat mixed(const cv::Mat& bgr, const cv::Vec3f& weights, float offset) {
   cv::Mat grey(bgr.size(), CV_32FC1);
   cv::parallel_for_(cv::Range(0, bgr.rows), [&](const cv::Range& rows) {
     for (int y = rows.start; y < rows.end; ++y) {
       const uint8_t* from = bgr.ptr<uint8_t>(y);
       float* to = grey.ptr<float>(y);
       for (int x = 0; x < bgr.cols; ++x)
-        to[x] = static_cast<float>(from[3 * x] + from[3 * x + 1] + from[3 * x + 2]) * (1.0f / 3);
+        to[x] = weights[0] * static_cast<float>(from[3 * x]) + weights[1] * static_cast<float>(from[3 * x + 1]) +
+                weights[2] * static_cast<float>(from[3 * x + 2]) + offset;
     }
   });
   return grey;
@@ -136,6 +138,24 @@ cv::Mat sampleColour(const cv::Mat& bgr, const cv::Mat& map, const cv::Mat& insi
   return out;
 }
 
+/// Colour at a place between two pixels of a rectified image's row: the mean over three raw pixels each way,
+/// interpolated.
+cv::Vec3f colourAt(const cv::Mat& bgr, const cv::Mat& map, int y, float x) {
+  const int before = static_cast<int>(x);
+  const float share = x - static_cast<float>(before);
+  const auto* row_of_map = map.ptr<cv::Vec2f>(y);
+  const cv::Vec2f at = (1 - share) * row_of_map[before] + share * row_of_map[before + 1];
+  const float left = std::clamp(at[0], 1.0f, static_cast<float>(bgr.cols) - 3.001f);
+  const float top = std::clamp(at[1], 1.0f, static_cast<float>(bgr.rows) - 3.001f);
+  const int column = static_cast<int>(left), row = static_cast<int>(top);
+  const float u = left - static_cast<float>(column), v = top - static_cast<float>(row);
+  const float across[4] = {1 - u, 1, 1, u}, down[4] = {1 - v, 1, 1, v};
+  cv::Vec3f sum(0, 0, 0);
+  for (int j = 0; j < 4; ++j)
+    for (int i = 0; i < 4; ++i) sum += across[i] * down[j] * cv::Vec3f(bgr.at<cv::Vec3b>(row - 1 + j, column - 1 + i));
+  return sum * (1.0f / 9);
+}
+
 }  // namespace
 
 Rectifier::Rectifier(const StereoModel& model) : model_(model) {
@@ -225,11 +245,10 @@ double Rectifier::leftShare() const {
 }
 
 bool Rectifier::rectifySide(const cv::Mat& raw, const Side& side, const RectifiedSide& out) {
-  cv::Mat grey = luminance(raw), rounded;
-  grey.convertTo(rounded, CV_8U);
+  const ColourMix plain;
+  cv::Mat rounded;
+  mixed(raw, plain.left, 0).convertTo(rounded, CV_8U);
   cv::remap(rounded, out.sharp, side.map_near, side.map_share, cv::INTER_LINEAR);
-  cv::GaussianBlur(grey, grey, {5, 5}, kBlur, 0, cv::BORDER_REPLICATE);
-  out.smooth = sample(grey, side.map, side.inside);
   out.seen = out.usable = side.inside;
   const Highlights highlights = findHighlights(raw);
   if (highlights.glow.empty()) return false;
@@ -246,7 +265,7 @@ bool Rectifier::rectifySide(const cv::Mat& raw, const Side& side, const Rectifie
   return true;
 }
 
-RectifiedPair Rectifier::rectify(const cv::Mat& left, const cv::Mat& right) const {
+RectifiedPair Rectifier::rectifySharp(const cv::Mat& left, const cv::Mat& right) const {
   for (const cv::Mat* image : {&left, &right})
     if (image->type() != CV_8UC3 || image->size() != model_.left.size)
       throw std::invalid_argument("rectify: both images must be 8-bit colour and of the calibrated size " +
@@ -257,13 +276,53 @@ RectifiedPair Rectifier::rectify(const cv::Mat& left, const cv::Mat& right) cons
   cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
     for (int side = sides.start; side < sides.end; ++side)
       if (side == 0)
-        left_highlights = rectifySide(left, left_, {out.left, out.left_sharp, out.left_seen, out.left_usable});
+        left_highlights = rectifySide(left, left_, {out.left_sharp, out.left_seen, out.left_usable});
       else
-        right_highlights = rectifySide(right, right_, {out.right, out.right_sharp, out.right_seen, out.right_usable});
+        right_highlights = rectifySide(right, right_, {out.right_sharp, out.right_seen, out.right_usable});
   });
   out.has_highlights = left_highlights || right_highlights;
   out.left_colour = sampleColour(left, left_.map, left_.inside);
   return out;
+}
+
+RectifiedPair Rectifier::rectify(const cv::Mat& left, const cv::Mat& right) const {
+  RectifiedPair out = rectifySharp(left, right);
+  mixGrey(left, right, ColourMix(), out);
+  return out;
+}
+
+void Rectifier::mixGrey(const cv::Mat& left, const cv::Mat& right, const ColourMix& mix, RectifiedPair& pair) const {
+  cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
+    for (int k = sides.start; k < sides.end; ++k) {
+      const Side& side = k == 0 ? left_ : right_;
+      cv::Mat grey = k == 0 ? mixed(left, mix.left, 0) : mixed(right, mix.right, mix.right_offset);
+      cv::GaussianBlur(grey, grey, {5, 5}, kBlur, 0, cv::BORDER_REPLICATE);
+      (k == 0 ? pair.left : pair.right) = sample(grey, side.map, side.inside);
+    }
+  });
+}
+
+void Rectifier::mixGrey(const cv::Mat& left, const cv::Mat& right, const cv::Mat& disparity,
+                        RectifiedPair& pair) const {
+  constexpr int kStep = 8;  // [px] from place to place
+  std::vector<ColourPair> places;
+  for (int y = kStep; y < disparity.rows - kStep; y += kStep)
+    for (int x = kStep; x < disparity.cols - kStep; x += kStep) {
+      const float d = disparity.at<float>(y, x), partner = static_cast<float>(x) - d;
+      const bool inside = partner >= 2 && partner < static_cast<float>(disparity.cols - 3);  // not for NaN
+      if (!inside || !pair.left_usable.at<uint8_t>(y, x) || !pair.right_usable.at<uint8_t>(y, cvRound(partner)))
+        continue;
+      const cv::Vec3f left_before = colourAt(left, left_.map, y, static_cast<float>(x - 1)),
+                      left_behind = colourAt(left, left_.map, y, static_cast<float>(x + 1));
+      const cv::Vec3f right_before = colourAt(right, right_.map, y, partner - 1),
+                      right_behind = colourAt(right, right_.map, y, partner + 1);
+      places.push_back({{x, y},
+                        0.5f * (left_before + left_behind),
+                        0.5f * (right_before + right_behind),
+                        left_behind - left_before,
+                        right_behind - right_before});
+    }
+  mixGrey(left, right, chooseMix(places), pair);
 }
 
 }  // namespace cortshift_stereo

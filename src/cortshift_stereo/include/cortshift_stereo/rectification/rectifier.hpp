@@ -8,9 +8,11 @@
 
 namespace cortshift_stereo {
 
+struct ColourMix;
+
 /// Both images as ideal cameras with parallel axes would have taken them.
 struct RectifiedPair {
-  cv::Mat left;          ///< CV_32FC1 luminance, 0...255, slightly blurred, sampled to a fraction of a grey level
+  cv::Mat left;          ///< CV_32FC1 grey levels, slightly blurred, sampled to a fraction of a grey level
   cv::Mat right;         ///< the same
   cv::Mat left_sharp;    ///< CV_8UC1 luminance as it comes, highlights painted over, for matching by pixels
   cv::Mat right_sharp;   ///< the same
@@ -40,9 +42,18 @@ class Rectifier {
 
   const StereoModel& model() const { return model_; }
 
+  /// All of a pair; its grey levels are the mean of the colours.
   /// @param left, right  CV_8UC3 raw images of the calibrated size
   /// @throws std::invalid_argument otherwise
   RectifiedPair rectify(const cv::Mat& left, const cv::Mat& right) const;
+
+  /// What matching by pixels needs: all but `left` and `right`. The rest as above.
+  RectifiedPair rectifySharp(const cv::Mat& left, const cv::Mat& right) const;
+
+  /// The grey levels `left` and `right` of a pair that was matched: mixed from the colours so that both cameras agree
+  /// and tissue stands out most from noise.
+  /// @param disparity  CV_32FC1 [px], NaN where nothing was matched
+  void mixGrey(const cv::Mat& left, const cv::Mat& right, const cv::Mat& disparity, RectifiedPair& pair) const;
 
   /// CV_32FC2: position [px] of each pixel of a rectified image in the raw image at the calibrated setting.
   const cv::Mat& leftMap() const { return left_.calibrated_map; }
@@ -62,10 +73,11 @@ class Rectifier {
   static void finishSide(Side& side);
   static Side makeSide(const CameraModel& camera, const SettingsWarp* warp, const MicroscopeSetting& setting);
   struct RectifiedSide {
-    cv::Mat &smooth, &sharp, &seen, &usable;
+    cv::Mat &sharp, &seen, &usable;
   };
   /// @returns whether it has highlights
   static bool rectifySide(const cv::Mat& raw, const Side& side, const RectifiedSide& out);
+  void mixGrey(const cv::Mat& left, const cv::Mat& right, const ColourMix& mix, RectifiedPair& pair) const;
 
   StereoModel model_;
   Side left_;
