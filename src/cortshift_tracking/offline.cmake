@@ -33,8 +33,8 @@ if(CATKIN_ENABLE_TESTING)
     cortshift_test(process_bag_${test}_test rostest graph 900 FILES test/offline/process_bag_${test}.test
       DEPENDS process_bag shift_tracker)
   endforeach()
-  # Faults in the shipped recording: each kind by name, and at random.
-  foreach(test admission fault_property)
+  # Faults in the shipped recording: each kind by name, and at random; and which calibration counts.
+  foreach(test admission calibration_in_force fault_property)
     cortshift_test(bag_${test}_test pytest long 1200 FILES test/offline/${test}_test.py DEPENDS process_bag validate_bag)
   endforeach()
   foreach(test cohort export offline)

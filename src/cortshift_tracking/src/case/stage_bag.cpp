@@ -23,6 +23,13 @@ void read(const rosbag::MessageInstance& instance, const char* topic, boost::sha
   if (instance.getTopic() == topic) out = instance.instantiate<Message>();
 }
 
+/// Whether it is the file's content that rosbag or ROS serialisation refuses.
+bool isOfContent(const std::exception& error) {
+  return dynamic_cast<const rosbag::BagFormatException*>(&error) != nullptr ||
+         dynamic_cast<const rosbag::BagUnindexedException*>(&error) != nullptr ||
+         dynamic_cast<const ros::serialization::StreamOverrunException*>(&error) != nullptr;
+}
+
 }  // namespace
 
 std::string toBag(const StageRecord& record) {
@@ -74,12 +81,11 @@ StageRecord stageFromBag(const std::filesystem::path& path) {
     }
   } catch (const TrackingError& error) {
     throw TrackingError(path.string() + ": " + error.what());
-  } catch (const rosbag::BagIOException& error) {
-    throw UnreadableFile("cannot read " + path.string() + ": " + error.what());
   } catch (const std::bad_alloc&) {
     throw UnreadableFile("cannot read " + path.string() + ": no memory");
-  } catch (const std::exception& error) {  // rosbag, ROS serialisation each have their own
-    throw TrackingError(path.string() + " is not a readable bag: " + error.what());
+  } catch (const std::exception& error) {
+    if (isOfContent(error)) throw TrackingError(path.string() + " is not a readable bag: " + error.what());
+    throw UnreadableFile("cannot read " + path.string() + ": " + error.what());  // the disk, or rosbag's plugins
   }
   if (!info || !record.surface) throw TrackingError(path.string() + " holds no stage (/stage/info, /surface/points)");
   record.info = *info;

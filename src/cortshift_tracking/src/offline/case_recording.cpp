@@ -235,7 +235,7 @@ sensor_msgs::CameraInfoConstPtr CaseRecording::infoOf(const std::string& topic, 
   for (const BagEntry& entry : near)
     if (bag_.stampOf(entry) == pair.stamp) return bag_.read<sensor_msgs::CameraInfo>(entry);
   // None of this very exposure: the one in force, as in the node.
-  const auto before = bag_.lastBefore(topic, pair.arrival);
+  const auto before = bag_.lastBefore(topic, shifted(pair.arrival, -kInfoReach));
   if (!before.empty() && (near.empty() || before.front() < near.front())) near.insert(near.begin(), before.front());
   if (near.empty()) near = bag_.entries({topic}, pair.arrival, shifted(pair.arrival, parameters_.calibration_timeout));
   cortshift_stereo::StampedHistory<sensor_msgs::CameraInfo> history;

@@ -3,6 +3,7 @@
 
 #include "case/case_folder.hpp"
 #include "case/failing_disk.hpp"
+#include "case/failing_memory.hpp"
 #include "case/stage_samples.hpp"
 #include "cortshift_tracking/case/patient_registration.hpp"
 #include "cortshift_tracking/ros/stage_shift.hpp"
@@ -18,7 +19,11 @@ class UnreadableStage : public CaseFolderTest {
     StageStore store(folder);
     for (const char* key : {"one", "two", "three"}) store.add(sampleStage(key));
   }
-  ~UnreadableStage() override { failing_disk::read_failure = 0; }
+  ~UnreadableStage() override {
+    failing_disk::read_failure = 0;
+    failing_disk::streams_that_fail = "";
+    failing_memory::pieces = failing_memory::kUnlimited;
+  }
 };
 
 TEST_F(UnreadableStage, StaysAndIsReadWhenItIsAskedFor) {
@@ -39,6 +44,43 @@ TEST_F(UnreadableStage, StaysAndIsReadWhenItIsAskedFor) {
     EXPECT_TRUE(store.unreadable().empty());
     EXPECT_EQ(store.infoOf("one").note, "note of one");
   }
+}
+
+// Either the bag or the description of rosbag's own plugins, without which it opens no bag at all.
+TEST_F(UnreadableStage, StaysWhereRosbagCannotReadIt) {
+  const auto files = bags();
+  for (const char* const ending : {".bag", "encryptor_plugins.xml"}) {
+    SCOPED_TRACE(ending);
+    failing_disk::streams_that_fail = ending;
+    StageStore store(folder);
+    failing_disk::streams_that_fail = "";
+    EXPECT_EQ(bags(), files);
+    EXPECT_TRUE(store.setAside().empty());
+    ASSERT_EQ(store.unreadable().size(), 3U);
+    EXPECT_TRUE(holds(store.unreadable()[0], "cannot read"));
+    EXPECT_TRUE(isWhole(store.load("one")));
+  }
+}
+
+// Memory is short from the first large piece on, then from the second, ... until all that reading takes is given.
+TEST_F(UnreadableStage, StaysWhereThereIsNoMemoryForIt) {
+  const auto files = bags();
+  long given = 0;
+  for (bool short_of_memory = true; short_of_memory; ++given) {
+    SCOPED_TRACE(given);
+    failing_memory::pieces = given;
+    StageStore store(folder);
+    failing_memory::pieces = failing_memory::kUnlimited;
+    EXPECT_EQ(bags(), files);
+    EXPECT_TRUE(store.setAside().empty());
+    short_of_memory = !store.unreadable().empty();
+    for (const std::string& line : store.unreadable())
+      EXPECT_TRUE(holds(line, "no memory") || holds(line, std::strerror(ENOMEM))) << line;
+    store.retryUnreadable();
+    EXPECT_TRUE(store.unreadable().empty());
+    EXPECT_TRUE(isWhole(store.load("three")));
+  }
+  EXPECT_GT(given, 2 * 3) << "the bytes of a stage, and the surface in them";
 }
 
 TEST_F(UnreadableStage, KeepsItsKeyItsPlaceAndItsReason) {

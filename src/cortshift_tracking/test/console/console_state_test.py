@@ -1,8 +1,13 @@
 """The console's worker and what it shows of the graph, without a graph."""
 import threading
 import time
+import types
 
 import pytest
+import rospy
+from cortshift_msgs.msg import StageInfo
+from cortshift_msgs.srv import ListStagesResponse
+from cortshift_tracking.console import desk
 from cortshift_tracking.console.graph_state import SILENCE, GraphState
 from cortshift_tracking.console.terminal import tracker_words
 from cortshift_tracking.console.worker import DeskError, Worker
@@ -47,6 +52,44 @@ def test_a_refusal_and_a_second_request():
     assert worker.progress() < 1
     go.set()
     assert done(worker).message == 'no stage; capture one' and worker.progress() == 1
+
+
+class NoGraph:
+    """In the place of rospy: services that answer what a test says, and nothing else. Faults are logged in `errors`."""
+    ServiceException, ROSException = rospy.ServiceException, rospy.ROSException
+
+    def __init__(self, list_stages):
+        self._list_stages, self.errors, self.ended = list_stages, [], False
+        self.get_namespace, self.Subscriber = (lambda: '/'), (lambda *_, **__: None)
+        self.is_shutdown, self.get_param = (lambda: self.ended), (lambda _, default=None: default)
+        self.logerr = lambda text, *values: self.errors.append(text % values)
+
+    def ServiceProxy(self, name, _):
+        def absent(**_):
+            raise rospy.ROSException('no such service')
+        answer = self._list_stages if name.endswith('list_stages') else None
+        return types.SimpleNamespace(wait_for_service=absent) if answer is None else answer
+
+
+@pytest.mark.parametrize('fault', [TypeError('not a number'), rospy.ROSException('odd'), OSError(24, 'Too many open files')])
+def test_nothing_ends_the_look_at_the_graph(monkeypatch, fault):
+    looks = []
+
+    def list_stages():
+        looks.append(None)
+        if len(looks) == 1:
+            raise fault
+        return ListStagesResponse([StageInfo(key='first')])
+    graph = NoGraph(list_stages)
+    monkeypatch.setattr(desk, 'rospy', graph)
+    try:
+        shown, end = desk.Desk(), time.monotonic() + 20
+        while not shown.stages:
+            assert time.monotonic() < end, 'it does not look again'
+            time.sleep(0.02)
+    finally:
+        graph.ended = True
+    assert [stage.key for stage in shown.stages] == ['first'] and type(fault).__name__ in graph.errors[0]
 
 
 def state(**values):

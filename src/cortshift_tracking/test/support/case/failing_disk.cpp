@@ -5,12 +5,16 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <climits>
+#include <cstdio>
+#include <string>
 
 namespace failing_disk {
 
 std::atomic<long> room{kUnlimited};
 std::atomic<bool> sync_works{true};
 std::atomic<int> read_failure{0};
+std::atomic<const char*> streams_that_fail{""};
 
 }  // namespace failing_disk
 
@@ -37,4 +41,25 @@ extern "C" ssize_t read(int descriptor, void* bytes, size_t size) {
   if (read_failure == 0) return ::syscall(SYS_read, descriptor, bytes, size);
   errno = read_failure;
   return -1;
+}
+
+static bool failing(FILE* file) {
+  const std::string ending = streams_that_fail.load();
+  if (ending.empty()) return false;
+  char path[PATH_MAX];
+  const std::string link = "/proc/self/fd/" + std::to_string(::fileno(file));
+  const ssize_t size = ::readlink(link.c_str(), path, sizeof path);
+  const std::string name(path, static_cast<std::size_t>(std::max<ssize_t>(size, 0)));
+  return name.size() >= ending.size() && name.compare(name.size() - ending.size(), ending.size(), ending) == 0;
+}
+
+extern "C" size_t fread(void* bytes, size_t size, size_t count, FILE* file) {
+  if (failing(file)) {
+    errno = EIO;
+    return 0;
+  }
+  ::flockfile(file);
+  const size_t got = ::fread_unlocked(bytes, size, count, file);
+  ::funlockfile(file);
+  return got;
 }
