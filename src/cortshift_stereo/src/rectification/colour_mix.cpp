@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <tuple>
 #include <utility>
 
 namespace cortshift_stereo {
@@ -17,32 +16,15 @@ constexpr double kWorthwhile = 0.98;  // of the error of the colours' mean
 constexpr int kBlock = 64;            // [px] side of a block: light and tissue differ over the image
 constexpr double kLeastClear = 0.1;   // of signal against noise: there the matching and the sheet's stiffness decide
 
-struct Moments {
-  double mean = 0, square = 0;
-  void add(double value) {
-    mean += value;
-    square += value * value;
-  }
-  void divide(double count) {
-    mean /= count;
-    square = square / count - mean * mean;
-  }
-};
-
-/// Gain and offset that make a right colour that of the left.
-std::pair<double, double> gainAndOffset(const std::vector<ColourPair>& pairs, int channel) {
-  Moments left, right;
+/// What makes a right colour that of the left. The ratio of the means: deviations would take the lamp's unequal light
+/// for the cameras' contrast. A black level is left to the offset that the refinement finds from place to place.
+double gainOf(const std::vector<ColourPair>& pairs, int channel) {
+  double left = 1, right = 1;  // of black images too
   for (const ColourPair& pair : pairs) {
-    left.add(pair.left[channel]);
-    right.add(pair.right[channel]);
+    left += pair.left[channel];
+    right += pair.right[channel];
   }
-  const auto count = static_cast<double>(pairs.size());
-  left.divide(count);
-  right.divide(count);
-  // Both have their errors: the ratio of the deviations favours neither.
-  const double gain = std::clamp(std::sqrt((left.square + kQuantisation) / (right.square + kQuantisation)),
-                                 1 / kLargestGain, kLargestGain);
-  return {gain, left.mean - gain * right.mean};
+  return std::clamp(left / right, 1 / kLargestGain, kLargestGain);
 }
 
 /// A full pixel has no noise, but no tissue either.
@@ -66,9 +48,9 @@ double robustVariance(std::vector<float> values) {
 ColourMix chooseMix(const std::vector<ColourPair>& pairs) {
   ColourMix mix;
   if (pairs.size() < kFewest) return mix;
-  cv::Vec3d gain, offset, variance;
+  cv::Vec3d gain, variance;
   for (int c = 0; c < 3; ++c) {
-    std::tie(gain[c], offset[c]) = gainAndOffset(pairs, c);
+    gain[c] = gainOf(pairs, c);
     std::vector<float> differences;
     differences.reserve(pairs.size());
     for (const ColourPair& pair : pairs)
@@ -117,7 +99,6 @@ ColourMix chooseMix(const std::vector<ColourPair>& pairs) {
     }
   mix.left = best;
   mix.right = best.mul(gain);
-  mix.right_offset = static_cast<float>(best.dot(offset));
   return mix;
 }
 

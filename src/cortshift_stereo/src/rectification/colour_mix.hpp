@@ -6,10 +6,9 @@
 
 namespace cortshift_stereo {
 
-/// Grey value of either image: the sum of its colours (blue, green, red) by these weights, and an offset.
+/// Grey value of either image: the sum of its colours (blue, green, red) by these weights.
 struct ColourMix {
   cv::Vec3f left{1.0f / 3, 1.0f / 3, 1.0f / 3}, right = left;
-  float right_offset = 0;  ///< [grey levels]; the left one has none
 };
 
 /// The colours of one place of the tissue in both images, and how they change along the row.
@@ -20,11 +19,13 @@ struct ColourPair {
 };
 
 /// The mix on which both cameras agree and tissue stands out most from noise.
-/// Each colour of the right camera is first made that of the left by a gain and an offset (white balance, exposure,
-/// black level). Of all mixes with weights from 0 to 1 that sum to 1, the one is taken that has the most change along
-/// the rows that both images show (their cross-covariance S) for the change that only one shows (N, covariance of the
-/// difference): the greatest w'Sw / w'Nw. A match that is a little wrong adds a part of S to N, which leaves the best w
-/// where it is. Noise, a colour mosaic, the coarse colours of JPEG, and light that only one camera sees are in N.
+/// Each colour of the right camera is first made that of the left by a gain (white balance, exposure). Of all mixes
+/// with weights from 0 to 1 that sum to 1, the one with the least expected error is taken: the error of a place goes
+/// with (w'Nw / w'Sw)^1/2, where S is the change along the rows that both images show there (cross-covariance, block by
+/// block) and N the change that only one of them shows (covariance of the difference, over the whole image). A match
+/// that is a little wrong adds to N a part of S, which hardly moves the best w. Noise, a colour mosaic, the coarse
+/// colours of JPEG, and light that only one camera sees are in N; a colour that is full shows no change, so its S is
+/// small.
 /// @param pairs  places all over the image; too few of them: the mean of the colours
 ColourMix chooseMix(const std::vector<ColourPair>& pairs);
 

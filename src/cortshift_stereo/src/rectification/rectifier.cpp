@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kBlur = 0.9;  // [px] before resampling: removes detail too fine for cubic convolution
 
-cv::Mat mixed(const cv::Mat& bgr, const cv::Vec3f& weights, float offset) {
+cv::Mat mixed(const cv::Mat& bgr, const cv::Vec3f& weights) {
   cv::Mat grey(bgr.size(), CV_32FC1);
   cv::parallel_for_(cv::Range(0, bgr.rows), [&](const cv::Range& rows) {
     for (int y = rows.start; y < rows.end; ++y) {
@@ -26,7 +26,7 @@ cv::Mat mixed(const cv::Mat& bgr, const cv::Vec3f& weights, float offset) {
       float* to = grey.ptr<float>(y);
       for (int x = 0; x < bgr.cols; ++x)
         to[x] = weights[0] * static_cast<float>(from[3 * x]) + weights[1] * static_cast<float>(from[3 * x + 1]) +
-                weights[2] * static_cast<float>(from[3 * x + 2]) + offset;
+                weights[2] * static_cast<float>(from[3 * x + 2]);
     }
   });
   return grey;
@@ -247,7 +247,7 @@ double Rectifier::leftShare() const {
 bool Rectifier::rectifySide(const cv::Mat& raw, const Side& side, const RectifiedSide& out) {
   const ColourMix plain;
   cv::Mat rounded;
-  mixed(raw, plain.left, 0).convertTo(rounded, CV_8U);
+  mixed(raw, plain.left).convertTo(rounded, CV_8U);
   cv::remap(rounded, out.sharp, side.map_near, side.map_share, cv::INTER_LINEAR);
   out.seen = out.usable = side.inside;
   const Highlights highlights = findHighlights(raw);
@@ -295,7 +295,7 @@ void Rectifier::mixGrey(const cv::Mat& left, const cv::Mat& right, const ColourM
   cv::parallel_for_(cv::Range(0, 2), [&](const cv::Range& sides) {
     for (int k = sides.start; k < sides.end; ++k) {
       const Side& side = k == 0 ? left_ : right_;
-      cv::Mat grey = k == 0 ? mixed(left, mix.left, 0) : mixed(right, mix.right, mix.right_offset);
+      cv::Mat grey = k == 0 ? mixed(left, mix.left) : mixed(right, mix.right);
       cv::GaussianBlur(grey, grey, {5, 5}, kBlur, 0, cv::BORDER_REPLICATE);
       (k == 0 ? pair.left : pair.right) = sample(grey, side.map, side.inside);
     }
