@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <iterator>
 #include <vector>
 
 namespace cortshift_stereo {
@@ -105,16 +106,22 @@ Findings checkRepetition(const MovingEdge& edge, int64_t stamp_ns) {
   const auto after = std::find_if(all.begin(), all.end(), [&](const EdgeSample& s) { return s.stamp_ns >= stamp_ns; });
   if (after == all.end()) return found;
   // A tracker that measures never says the same twice. One that has no noise (a simulated one) is not judged: its
-  // samples are all the same while nothing moves.
-  std::size_t trembled = 0, turned = 0;
+  // samples are all the same while nothing moves, before the pose that is asked for as well.
+  auto stood = after;
+  while (stood != all.begin() && same(*std::prev(stood), *after)) --stood;
+  std::size_t trembled = 0, turned = 0, still = 0;
   for (auto it = all.begin(); it + 2 <= after && it + 2 < all.end(); ++it) {
     const Eigen::Vector3d first = (it + 1)->T_parent_child.translation() - it->T_parent_child.translation();
     const Eigen::Vector3d second = (it + 2)->T_parent_child.translation() - (it + 1)->T_parent_child.translation();
-    if (first.isZero(0) || second.isZero(0)) continue;
+    if (first.isZero(0) || second.isZero(0)) {
+      still += it + 2 <= stood ? 1 : 0;
+      continue;
+    }
     ++trembled;
     turned += first.dot(second) < 0;
   }
-  if (trembled < 2 * kFewest || 3 * turned < trembled) return found;  // noise turns back in two of three steps
+  // Noise turns back in two of three steps.
+  if (trembled < 2 * kFewest || 3 * turned < trembled || still > trembled) return found;
   for (auto it = all.begin(); it != all.end(); ++it) {
     if (it == after || !same(*it, *after)) continue;
     char text[32];

@@ -103,6 +103,15 @@ TEST(Poses, ATrackerThatRepeatsItselfIsRefused) {
   EXPECT_TRUE(judge(back, 1000000000).all().empty());
 }
 
+TEST(Poses, WithoutNoiseTheyMayComeBackAfterAShake) {
+  // It stands, is shaken for a while, and stands where it stood, as a simulated microscope on a busy machine.
+  const auto place = [](int n) {
+    const bool shaken = n > 60 && n < 90;
+    return Eigen::Vector3d(shaken ? (n % 2 == 0 ? 0.003 : -0.003) + 0.0001 * n : 0, 0, 0);
+  };
+  EXPECT_TRUE(judge(treeOf(place, 8), 6000000000).all().empty());
+}
+
 TEST(Edges, AFixedAndAMovingSourceAreRefusedUnlessTheyAgree) {
   const auto both = [](double apart) {
     TransformTree tree = treeOf([](int) { return Eigen::Vector3d(0.1, 0, 0); });
