@@ -13,6 +13,7 @@ constexpr double kQuantisation = 1. / 12;  // variance of rounding to grey level
 constexpr double kLargestGain = 4;
 constexpr int kSteps = 20;            // weights are multiples of its inverse
 constexpr double kWorthwhile = 0.98;  // of the error of the colours' mean
+constexpr double kSameWhite = 1.02;   // ratio of the colours' gains: less is the light's, not the cameras'
 constexpr int kBlock = 64;            // [px] side of a block: light and tissue differ over the image
 constexpr double kLeastClear = 0.1;   // of signal against noise: there the matching and the sheet's stiffness decide
 
@@ -87,7 +88,8 @@ ColourMix chooseMix(const std::vector<ColourPair>& pairs) {
       sum += block.places / std::sqrt(std::max(0.0, w.dot(block.S * w)) / (block.places * w.dot(N * w)) + kLeastClear);
     return sum;
   };
-  cv::Vec3d best(1. / 3, 1. / 3, 1. / 3);
+  const cv::Vec3d mean(1. / 3, 1. / 3, 1. / 3);
+  cv::Vec3d best = mean;
   double least = kWorthwhile * error(best);
   for (int b = 0; b <= kSteps; ++b)
     for (int g = 0; b + g <= kSteps; ++g) {
@@ -97,6 +99,9 @@ ColourMix chooseMix(const std::vector<ColourPair>& pairs) {
         best = w;
       }
     }
+  // One gain for all colours is found from place to place by the refinement.
+  const auto [least_gain, most_gain] = std::minmax({gain[0], gain[1], gain[2]});
+  if (best == mean && most_gain < kSameWhite * least_gain) return mix;
   mix.left = best;
   mix.right = best.mul(gain);
   return mix;
