@@ -85,22 +85,4 @@ bool RegistrationHistory::add(const tf2_msgs::TFMessage& message, const ros::Tim
 
 geometry_msgs::Pose RegistrationHistory::newest() const { return newest_.value_or(unknownPose()); }
 
-void RegistrationWatch::add(const tf2_msgs::TFMessage& message) {
-  const std::lock_guard<std::mutex> guard(mutex_);
-  if (history_.add(message, ros::Time::now()))
-    ROS_WARN("the patient registration has changed: stages from now on belong to another epoch");
-}
-
-geometry_msgs::Pose RegistrationWatch::newest() const {
-  const std::lock_guard<std::mutex> guard(mutex_);
-  return history_.newest();
-}
-
-void RegistrationWatch::requireSettled(const ros::Time& stamp) const {
-  const std::lock_guard<std::mutex> guard(mutex_);
-  const auto changed = history_.changed();
-  if (!changed || *changed > ros::Time::now()) return;  // a clock that was set back: another play of a bag
-  cortshift_tracking::requireSettled(stamp, *changed);
-}
-
 }  // namespace cortshift_tracking

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <cortshift_msgs/StageInfo.h>
-#include <ros/time.h>
 
 #include <Eigen/Core>
 #include <filesystem>

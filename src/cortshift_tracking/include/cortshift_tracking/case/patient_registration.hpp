@@ -2,11 +2,9 @@
 #pragma once
 
 #include <cortshift_msgs/StageInfo.h>
-#include <ros/ros.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include <cstdint>
-#include <mutex>
 #include <optional>
 #include <vector>
 
@@ -45,22 +43,6 @@ class RegistrationHistory {
  private:
   std::optional<geometry_msgs::Pose> newest_;
   std::optional<ros::Time> changed_;
-};
-
-/// Notices when the registration changes, so that no stage mixes two of them. Thread-safe.
-class RegistrationWatch {
- public:
-  void add(const tf2_msgs::TFMessage& message);
-
-  /// The newest one; all NaN where none has been heard of.
-  geometry_msgs::Pose newest() const;
-
-  /// See above.
-  void requireSettled(const ros::Time& stamp) const;
-
- private:
-  mutable std::mutex mutex_;
-  RegistrationHistory history_;
 };
 
 }  // namespace cortshift_tracking

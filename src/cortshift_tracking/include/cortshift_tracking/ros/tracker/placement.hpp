@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "cortshift_stereo/ros/pose_lookup.hpp"
-#include "cortshift_tracking/case/patient_registration.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/ros/parameters.hpp"
+#include "cortshift_tracking/ros/registration_watch.hpp"
 #include "cortshift_tracking/ros/tracker/pose_watch.hpp"
 
 namespace cortshift_tracking {
