@@ -30,7 +30,7 @@ if(CATKIN_ENABLE_TESTING)
   endforeach()
   cortshift_test(soak_test pytest graph 900 FILES test/theatre/soak_test.py
     DEPENDS shift_tracker record_parts igtl_bridge)
-  cortshift_test(preflight_test pytest quick 300 FILES test/theatre/preflight_test.py)
+  cortshift_test(preflight_test pytest long 300 FILES test/theatre/preflight_test.py)
   foreach(test console_state page)
     cortshift_test(${test}_test pytest quick 300 FILES test/console/${test}_test.py)
   endforeach()
