@@ -18,15 +18,18 @@ namespace {
 
 constexpr double kBlur = 0.9;  // [px] before resampling: removes detail too fine for cubic convolution
 
+/// Weights that are alike sum whole numbers: the mean of the colours has no rounding but the last one.
 cv::Mat mixed(const cv::Mat& bgr, const cv::Vec3f& weights) {
+  const float scale = (weights[0] + weights[1] + weights[2]) * (1.0f / 3);
+  const cv::Vec3f share = weights / scale;
   cv::Mat grey(bgr.size(), CV_32FC1);
   cv::parallel_for_(cv::Range(0, bgr.rows), [&](const cv::Range& rows) {
     for (int y = rows.start; y < rows.end; ++y) {
       const uint8_t* from = bgr.ptr<uint8_t>(y);
       float* to = grey.ptr<float>(y);
       for (int x = 0; x < bgr.cols; ++x)
-        to[x] = weights[0] * static_cast<float>(from[3 * x]) + weights[1] * static_cast<float>(from[3 * x + 1]) +
-                weights[2] * static_cast<float>(from[3 * x + 2]);
+        to[x] = scale * (share[0] * static_cast<float>(from[3 * x]) + share[1] * static_cast<float>(from[3 * x + 1]) +
+                         share[2] * static_cast<float>(from[3 * x + 2]));
     }
   });
   return grey;

@@ -177,7 +177,7 @@ def test_recomputing_gives_the_same_numbers(plain, handed_on):
     assert before == after and len(before) > 5 and any(line.startswith('shift stage_1 to stage_2') for line in after)
 
 
-def test_the_report_gives_the_same_numbers(plain, handed_on):
+def test_the_report_gives_the_same_numbers(plain, handed_on, tmp_path):
     def tables(folder):
         case = read_case(str(folder))
         left_out = []
@@ -193,12 +193,11 @@ def test_the_report_gives_the_same_numbers(plain, handed_on):
         remarks = [now for was, now in zip(*names) if was != now]
         return len(set(map(str, numbers))) == 1 and all(remark == words.WITHHELD for remark in remarks)
     assert same(second, second_now) and same(third, third_now)
-    run_tool('case_report', handed_on[0], '--no-pdf')
-    page = (handed_on[0] / 'report.html').read_text()
+    copy = shutil.copytree(handed_on[0], tmp_path / 'copy')
+    run_tool('case_report', copy, '--no-pdf')
+    page = re.sub('data:image/[^"]*', '', (copy / 'report.html').read_text())   # four digits are in any long picture by chance
     assert '2000-01-01 00:00:00 UTC' in page and 'there is a remark here, withheld' in page
     assert not any(secret in page for secret in SECRETS)
-    for name in ('report.html', 'table_2.csv', 'table_3.csv'):
-        os.remove(handed_on[0] / name)
 
 
 def test_files_beside_the_bags(plain, handed_on):
