@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "cortshift_flow/vectorised.hpp"
+
 namespace cortshift_flow_phantom {
 namespace {
 
@@ -71,6 +73,7 @@ CorticalTexture::CorticalTexture(const Settings& settings)
   indexSegments();
 }
 
+CORTSHIFT_VECTORISED
 double CorticalTexture::gyralField(double x, double y, double* dx, double* dy) const {
   const double scale = 1.0 / std::sqrt(0.5 * static_cast<double>(gyral_waves_.size()));
   double value = 0, sum_x = 0, sum_y = 0;
@@ -157,6 +160,7 @@ void CorticalTexture::indexSegments() {
   }
 }
 
+CORTSHIFT_VECTORISED
 double CorticalTexture::tissueNoise(double x, double y) const {
   // Octaves from 5 mm down to 0.31 mm: coarse blotches carry the pyramid, fine grain the sub-pixel fit.
   constexpr std::array<double, 5> weights = {0.9, 0.7, 0.65, 0.6, 0.55};

@@ -2,6 +2,8 @@
 
 #include <cmath>
 #include <limits>
+#include <utility>
+#include <vector>
 
 #include "imaging/lens.hpp"
 #include "imaging/rippled_film.hpp"
@@ -149,7 +151,12 @@ cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int s
   cv::Mat light(view.size, CV_32FC3);
   if (depths != nullptr) *depths = cv::Mat(view.size, CV_32FC1, cv::Scalar(kNan));
   cv::parallel_for_(cv::Range(0, view.size.height), [&](const cv::Range& range) {
-    for (int row = range.start; row < range.end; ++row)
+    // What two pixels have between them is undistorted once.
+    std::vector<Eigen::Vector2d> above(static_cast<std::size_t>(view.size.width));
+    for (int column = 0; column < view.size.width; ++column)
+      above[static_cast<std::size_t>(column)] = view.direction(column, range.start - 0.5);
+    for (int row = range.start; row < range.end; ++row) {
+      Eigen::Vector2d before = view.direction(-0.5, row);
       for (int column = 0; column < view.size.width; ++column) {
         const Eigen::Vector2d direction = view.direction(column, row);
         std::optional<SheetHit> centre;
@@ -162,8 +169,9 @@ cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int s
         }
         cv::Vec3f sum(0, 0, 0);
         // Within a pixel the distortion is linear to 1e-10.
-        const Eigen::Vector2d along_u = view.direction(column + 0.5, row) - view.direction(column - 0.5, row);
-        const Eigen::Vector2d along_v = view.direction(column, row + 0.5) - view.direction(column, row - 0.5);
+        const Eigen::Vector2d after = view.direction(column + 0.5, row), below = view.direction(column, row + 0.5);
+        const Eigen::Vector2d along_u = after - std::exchange(before, after);
+        const Eigen::Vector2d along_v = below - std::exchange(above[static_cast<std::size_t>(column)], below);
         for (int j = 0; j < supersampling; ++j)
           for (int i = 0; i < supersampling; ++i)
             sum += trace(
@@ -174,6 +182,7 @@ cv::Mat renderView(const PhantomScene& scene, int stage, const View& view, int s
         light.at<cv::Vec3f>(row, column) =
             sum * static_cast<float>(gain * falloff / (static_cast<double>(supersampling) * supersampling));
       }
+    }
   });
   return light;
 }

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include "cortshift_flow/vectorised.hpp"
 #include "imaging/rippled_film.hpp"
 #include "imaging/tissue_picture.hpp"
 #include "random.hpp"
@@ -51,6 +52,7 @@ Outline::Outline(const OutlineSettings& settings)
   }
 }
 
+CORTSHIFT_VECTORISED
 ScalarField Outline::radius(double x, double y) const {
   const double u = x - centre_.x(), v = y - centre_.y();
   double square = u * u * inverse_square_.x() + v * v * inverse_square_.y();

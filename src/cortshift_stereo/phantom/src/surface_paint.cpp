@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "cortshift_flow/vectorised.hpp"
 #include "cortshift_flow_phantom/plane_waves.hpp"
 #include "imaging/tissue_picture.hpp"
 #include "random.hpp"
@@ -57,6 +58,7 @@ cv::Vec3f duraOrBone(double edge, double coarse, double fine) {
 
 SurfacePaint::SurfacePaint(const PhantomScene& scene, int stage) : scene_(scene), stage_(stage) {}
 
+CORTSHIFT_VECTORISED
 cv::Vec3f SurfacePaint::rim(double x, double y, double outside) const {
   static const Pattern kCoarse(0.004, 11), kFine(0.0009, 12), kSeams(0.008, 13);
   const double edge = outside + 0.0003 * kSeams(x, y);  // no seam is a perfect line
