@@ -95,7 +95,7 @@ void ShiftTrackerParameters::readResiduals() {
       {"stereo calibration", "held-out residuals of its report", stereo.focal_deviation, stereo.epipolar_rms * pixel});
   if (settings_report.empty()) return;
   const auto zoom = from("settings_report", cortshift_stereo::readSettingsResiduals, settings_report);
-  known.zoom = SettingsError{zoom.reference, zoom.disparity_rms * pixel};
+  known.zoom = SettingsError{zoom.reference.magnification, zoom.reference.focal_length, zoom.disparity_rms * pixel};
 }
 
 std::string ShiftTrackerParameters::effective() const {

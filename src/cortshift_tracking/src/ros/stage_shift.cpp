@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "cortshift_stereo/admission/verdict.hpp"
+#include "cortshift_stereo/calibration/settings/settings_warp.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/case/calibration_identity.hpp"
 #include "cortshift_tracking/case/patient_registration.hpp"

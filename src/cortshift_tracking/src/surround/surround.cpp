@@ -91,10 +91,9 @@ std::optional<RigidFit> otherPart(const std::vector<MovedPiece>& pieces, const R
 
 }  // namespace
 
-bool SettingsError::counts(double magnification, double focal_length) const {
+bool SettingsError::counts(double at_magnification, double at_focal_length) const {
   constexpr double kSame = 0.005;  // relative, as the reconstruction's settings_tolerance
-  return std::abs(magnification / reference.magnification - 1) > kSame ||
-         std::abs(focal_length / reference.focal_length - 1) > kSame;
+  return std::abs(at_magnification / magnification - 1) > kSame || std::abs(at_focal_length / focal_length - 1) > kSame;
 }
 
 void SurroundSettings::validate() const {

@@ -158,7 +158,7 @@ TEST(PoseUncertainty, ADisparityCountsByTheSquareOfTheDepth) {
 }
 
 TEST(PoseUncertainty, TheReferenceSettingNeedsNoWarp) {
-  const SettingsError error{{1.0, 0.3}, 0.001};
+  const SettingsError error{1.0, 0.3, 0.001};
   EXPECT_FALSE(error.counts(NAN, NAN));
   EXPECT_FALSE(error.counts(1.001, 0.3));
   EXPECT_TRUE(error.counts(1.0, 0.31));

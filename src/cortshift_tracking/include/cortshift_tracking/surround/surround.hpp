@@ -8,7 +8,6 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/calibration/settings/settings_warp.hpp"
 #include "cortshift_tracking/field/displacement_field.hpp"
 #include "cortshift_tracking/field/exclusion.hpp"
 #include "cortshift_tracking/surround/pose_uncertainty.hpp"
@@ -19,11 +18,11 @@ enum class SurroundMode { kOff, kCheck, kCorrect };
 
 /// What the fields that undo zoom and focus leave, at every setting but the reference.
 struct SettingsError {
-  cortshift_stereo::MicroscopeSetting reference;
-  double disparity_sd = 0;  ///< of 1 / depth [1/m]
+  double magnification = 1, focal_length = 0;  ///< of the reference [m]
+  double disparity_sd = 0;                     ///< of 1 / depth [1/m]
 
   /// Whether a setting is another one; NaN: the reference.
-  bool counts(double magnification, double focal_length) const;
+  bool counts(double at_magnification, double at_focal_length) const;
 };
 
 struct SurroundSettings {
