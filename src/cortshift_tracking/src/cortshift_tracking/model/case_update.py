@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.ndimage import binary_erosion
 
-from cortshift_tracking.case.messages import MR_KEY
 from cortshift_tracking.durable import write_durably
 from cortshift_tracking.model.brain import ModelError, identity_of
 from cortshift_tracking.model.update import bin_field, update
@@ -72,11 +71,13 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
     moved = Volume(warped(volume, pmr_from_now), volume.T_pmr_voxel, volume.axes, volume.source)
     now_labels = labels_now(model, volume, pmr_from_now, labels)
     warnings = [*(() if field.summary is None else field.summary.warnings), *result.warnings]
-    if not field.brain:
+    if not field.brain and field.from_mr:   # whose vectors are none of bone
+        warnings.append('a field from the MR does not say the outline of the exposed brain: the skull holds nothing within the model\'s craniotomy')
+    elif not field.brain:
         warnings.append('the outline of the exposed brain is not known: vectors of bone and drape pull too; draw it with set_outline')
     if epochs and not any(epochs.values()):
         warnings.append('the epochs of the stages are not known, so that it is not checked whether the patient registration changed')
-    if field.from_key != MR_KEY:
+    if not field.from_mr:
         warnings.append(f'the field begins at stage "{field.from_key}": what the brain moved from the MR until then is not in it')
     if now_from_pmr.least_stretch() <= 0 or pmr_from_now.least_stretch() <= 0:
         warnings.append('the warp folds somewhere: the motion is too large or too uneven for the model')

@@ -25,6 +25,8 @@ PARAMETERS = {
     'gravity': [0.0, 0.0, 0.0],      # direction in pmr where the probe has not digitised it; zeros: not known
 }
 
+FIELD_ARRIVES = 3.0   # s: a field may be under way when its compute_shift has answered
+
 
 class BrainModelNode:
     """Services ~update, ~locate; see the .srv files.
@@ -42,6 +44,7 @@ class BrainModelNode:
         self._volume = admit_mr(MrSource(source, self._model.provenance['axes']), [])
         check_mr(self._model, self._volume)
         self._lock, self._fields, self._updated = threading.Lock(), {}, None
+        self._arrived = threading.Condition()
         self._state = 'no update yet'
         rospy.Subscriber('shift/field', DisplacementField, self._keep, queue_size=5)
         self._diagnostics = rospy.Publisher('/diagnostics', DiagnosticArray, queue_size=5)
@@ -51,19 +54,26 @@ class BrainModelNode:
 
     def _keep(self, message):
         if message.to_key:   # those of the live mode belong to no stage
-            self._fields[message.from_key, message.to_key] = message
+            with self._arrived:
+                self._fields[message.from_key, message.to_key] = message
+                self._arrived.notify_all()
+
+    def _field(self, request):
+        """The field of a request, which may just be on its way. Raises ModelError."""
+        keys = request.from_key, request.to_key
+        with self._arrived:
+            if not self._arrived.wait_for(lambda: keys in self._fields, FIELD_ARRIVES):
+                there = ', '.join(f'{a} -> {b}' for a, b in self._fields) or 'none'
+                raise ModelError(f'no field {keys[0]} -> {keys[1]} was published; compute it with shift_tracker/compute_shift. There are: {there}')
+            return self._fields[keys]
 
     def _update(self, request):
         began = time.monotonic()
         name = f'{request.from_key} -> {request.to_key}'
         try:
             with self._lock:
-                message = self._fields.get((request.from_key, request.to_key))
-                if message is None:
-                    there = ', '.join(f'{a} -> {b}' for a, b in self._fields) or 'none'
-                    raise ModelError(f'no field {name} was published; compute it with shift_tracker/compute_shift. There are: {there}')
-                updated = update_case(self._model, self._volume, field_from_message(message), self._gravity(), self._model.labels,
-                                      epochs=self._epochs(request))
+                field = field_from_message(self._field(request))
+                updated = update_case(self._model, self._volume, field, self._gravity(), self._model.labels, epochs=self._epochs(request))
                 folder = self._values['output'] or os.path.join(self._values['case'], 'brain_model')
                 folder = os.path.join(folder, f'{request.from_key}__{request.to_key}')
                 write_update(updated, folder)
