@@ -58,8 +58,8 @@ def test_every_pair_has_its_pictures_and_the_report_holds_them(shown):
             assert cv2.imread(str(folder / f'{STAGES[pair[0]]}__{STAGES[pair[1]]}_{name}.png')).std() > 10
     page = (folder / 'report.html').read_text(encoding='utf-8')
     assert 'the built-in phantom' in page and f'pmr \u2192 {STAGES[0]}' in page
-    # Timeline, MR, the MR brought up to date; per pair overlays, maps, vectors, trust.
-    assert page.count('<img src="data:image/png;base64,') == 3 + 4 * 4
+    # Timeline, MR, the MR brought up to date and its outlines; per pair overlays, maps, vectors, trust.
+    assert page.count('<img src="data:image/png;base64,') == 4 + 4 * 4
     told = subprocess.run(['pdfinfo', str(folder / 'report.pdf')], capture_output=True, text=True, check=True).stdout
     assert 'the built-in phantom' in told or int(told.split('Pages:')[1].split()[0]) >= 3
 
@@ -82,7 +82,12 @@ def test_the_mr_is_brought_up_to_date(shown):
     # What is dark in the updated MR below the cortex is the tumour where it is now.
     inner = ndimage.binary_erosion(np.asarray(labels.dataobj) > 0.5, iterations=5)
     assert np.median(np.asarray(now.dataobj)[inner]) < 70 and len(was) > 0.9 * len(is_now) > 0.8 * len(was)
+    overlay = cv2.imread(str(update / 'overlay.png'))
+    for colour in ((60, 60, 255), (60, 220, 60)):   # a ball of 20 mm, 0.32 m away, at 3850 px of focal length: an outline of 240 px across
+        rows, columns = np.nonzero((overlay[:700] == colour).all(-1))
+        assert 180 < np.ptp(rows) < 280 and 180 < np.ptp(columns) < 280
     page = (folder / 'report.html').read_text(encoding='utf-8')
+    assert f'alt="outlines at {STAGES[2]}"' in page
     assert f'The MR brought up to date: pmr \u2192 {STAGES[2]}' in page and f'alt="MR before and after pmr \u2192 {STAGES[2]}"' in page
     assert f"<td>tumour</td><td class=n>{told['centre_shift_mm']:.2f}" in page
 

@@ -2,6 +2,7 @@
 import json
 import re
 
+import cv2
 import nibabel
 import numpy as np
 import pytest
@@ -94,6 +95,17 @@ def test_the_difference_is_where_the_brain_has_sunk(made, known, monkeypatch):
                                   for line in [path.vertices]])
         away = np.linalg.norm(outline / 1000 - outline.mean(0) / 1000, axis=1)
         assert len(outline) > 20 and 0.0065 < away.min() and away.max() < 0.0095
+
+
+def test_the_outlines_are_shown_and_a_damaged_picture_is_named(known, tmp_path):
+    (tmp_path / UPDATE).mkdir(parents=True)
+    (tmp_path / UPDATE / 'summary.json').write_text(json.dumps(SUMMARY))
+    overlay = tmp_path / UPDATE / 'overlay.png'
+    for content, there in ((cv2.imencode('.png', np.full((9, 9, 3), 80, np.uint8))[1].tobytes(), True), (b'', False), (b'no picture', False)):
+        overlay.write_bytes(content)
+        page, left_out = shown(tmp_path, known)
+        assert ('alt="outlines at after_resection"' in page) == there
+        assert (f'{overlay}: is damaged; run update_mr again' in left_out) == (not there)
 
 
 @pytest.mark.parametrize('content, why', [('{', 'is damaged or cannot be read; run update_mr again'),

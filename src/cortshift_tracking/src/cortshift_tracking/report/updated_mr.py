@@ -4,6 +4,7 @@ import json
 import os
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -54,6 +55,10 @@ def section(update, case, volume, left_out):
     parts.append(f'<p>Largest displacement {_or_nan(summary["largest_displacement_mm"]):.1f} mm; the model meets the measured vectors to '
                  f'{_or_nan(summary["residual_at_surface_mm"]):.2f} mm (root mean square).</p>')
     parts += [f'<p class="warning">{text(warning)}</p>' for warning in summary['warnings']]
+    overlay = _overlay(update, left_out)
+    if overlay is not None:
+        parts.append(picture(overlay, f'outlines at {summary["to_key"]}', f'Left camera at {summary["to_key"]}, with what lies below as it was in the '
+                             'MR (red) and as it is now (green)'))
     now = _of_now(update, 'updated_mr.nii.gz', volume, left_out)
     if now is not None:
         at, says = np.nanmedian(case.stages[0].points.reshape(-1, 3), axis=0), ''
@@ -67,6 +72,23 @@ def section(update, case, volume, left_out):
 
 def _or_nan(value):
     return float('nan') if value is None else float(value)
+
+
+def _overlay(update, left_out):
+    """Bytes of overlay.png, or None; where no structure was followed there is none."""
+    path = os.path.join(update.folder, 'overlay.png')
+    try:
+        with open(path, 'rb') as file:
+            content = file.read()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        left_out.append(f'{path}: cannot be read ({error.strerror}); check its rights and the disk')
+        return None
+    if not content or cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) is None:
+        left_out.append(f'{path}: is damaged; run update_mr again')
+        return None
+    return content
 
 
 def _of_now(update, file, volume, left_out):
