@@ -21,7 +21,7 @@ if(CATKIN_ENABLE_TESTING)
   cortshift_test(deidentify_test pytest long 1200 FILES test/deidentify/deidentify_test.py DEPENDS process_bag recompute)
   cortshift_test(brain_model_test rostest graph 900 FILES test/model/brain_model.test)
   cortshift_test(probe_node_test rostest graph 900 FILES test/probe/probe_node.test)
-  cortshift_test(demo_test pytest graph 900 FILES test/graph/demo_test.py DEPENDS shift_tracker field_error)
+  cortshift_test(demo_test pytest graph 1200 FILES test/graph/demo_test.py DEPENDS shift_tracker field_error)
   cortshift_test(demo_case_test rostest graph 900 FILES test/graph/demo_case.test DEPENDS shift_tracker field_error)
   # The order of the house: who includes whom, sizes, names, and that each test is run by what CMake wrote.
   cortshift_test(house_test pytest quick 300 FILES test/house_test.py ENVIRONMENT CORTSHIFT_BUILD=${CMAKE_BINARY_DIR})

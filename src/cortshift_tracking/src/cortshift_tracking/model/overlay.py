@@ -54,8 +54,9 @@ def overlay(structures, stage, correction=None):
             lines = outlines(points, structure.quads, camera, picture.shape[:2])
             cv2.polylines(picture, [line.astype(np.int32) for line in lines], True, (0, 0, 0), 4, cv2.LINE_AA)
             cv2.polylines(picture, [line.astype(np.int32) for line in lines], True, colour, 2, cv2.LINE_AA)
-    names = ', '.join(structure.name for structure in shown)
-    _write(picture, [(f'{names} below the surface: ', (255, 255, 255)), ('in the MR', WAS), (' and ', (255, 255, 255)), ('now', NOW)])
+    deeper = [(structure.now - structure.was).mean(0) @ camera[2, :3] * 1000 for structure in shown]   # along the view nothing is seen of it
+    names = ', '.join(f'{structure.name} {depth:+.1f} mm' for structure, depth in zip(shown, deeper))
+    _write(picture, [('in the MR', WAS), (' and ', (255, 255, 255)), ('now', NOW), (f'; farther from the camera: {names}', (255, 255, 255))])
     return picture
 
 
