@@ -17,6 +17,7 @@
 #include "start/rough_flow.hpp"
 #include "trust/confidence.hpp"
 #include "trust/evidence.hpp"
+#include "trust/flow_steps.hpp"
 #include "trust/judgement.hpp"
 #include "trust/mismatch.hpp"
 #include "trust/occlusion.hpp"
@@ -258,6 +259,7 @@ Estimate estimateFlow(const Level& images, const FlowSettings& settings, int thr
     } else {
       error = smoothError(judged, error, occluded);
     }
+    cv::max(error, cv::Mat(errorBesideSteps(flow.forward)), error);
   }
   estimate.confidence = confidenceFromError(error, finest_level, images.first.size(), threads);
   if (!images.first_valid.empty()) estimate.confidence.setTo(0, images.first_valid == 0);
