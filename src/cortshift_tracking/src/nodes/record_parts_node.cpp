@@ -4,9 +4,10 @@
 /// second in which something is new:
 ///   lost TOPIC COUNT    messages of TOPIC that never arrived, or that the disk was too slow for, since the beginning
 ///   failed REASON       why it ends
+/// Exit status: 0 ended by SIGINT, the last part is whole; 1 failed; 2 bad usage.
+///
 /// --parent: who started it. When that one is gone it records on, so that nothing is missed, until another of its name
-/// registers with the master, which then ends this one; where none does, it ends by itself after kAlone. Exit status: 0
-/// ended by SIGINT, the last part is whole; 1 failed; 2 bad usage.
+/// registers with the master, which then ends this one; where none does, it ends by itself after kAlone.
 #include <ros/ros.h>
 #include <unistd.h>
 
