@@ -11,7 +11,7 @@ import numpy as np
 import rosbag
 import rospy
 import rostest
-from cortshift_msgs.msg import DisplacementField, ShiftSummary, StageInfo
+from cortshift_msgs.msg import DisplacementField, ShiftSummary, StageInfo, UpdatedMr
 from cortshift_msgs.srv import ListStages, ListStagesResponse, Locate, UpdateModel
 from geometry_msgs.msg import Point
 from sensor_msgs.msg import CameraInfo, Image
@@ -140,6 +140,15 @@ class BrainModelTest(unittest.TestCase):
             self.assertLess(np.abs(found - head.TUMOUR_RADIUS).max(), 0.0015, found)   # voxels of 3 mm
             centre = np.array([columns.min() + columns.max(), rows.min() + rows.max()]) / 2
             self.assertLess(np.abs(centre - FOCAL * seen[:2] / seen[2] - np.array(SIZE[::-1]) / 2).max(), 4)
+
+    def test_6_the_update_goes_to_the_link(self):
+        message = rospy.wait_for_message(f'{NS}/brain_model/updated_mr', UpdatedMr, 30)   # latched
+        volume = load_volume(os.path.join(self.folder.name, 'brain_model', 'first__second', 'updated_mr.nii.gz'))
+        self.assertEqual((message.from_key, message.to_key, message.header.frame_id), ('first', 'second', 'pmr'))
+        self.assertEqual([label.name for label in message.labels], ['tumour'])
+        np.testing.assert_allclose(np.reshape(message.T_pmr_voxel, (4, 4)), volume.T_pmr_voxel, atol=1e-7)
+        voxels = np.stack([np.frombuffer(s.data, '<f4').reshape(s.height, s.width).T for s in message.slices], -1)
+        np.testing.assert_array_equal(voxels, volume.data)
 
     def updated(self, to_key):
         """The answer to ~update once the field has come to the node."""

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import rospy
-from cortshift_msgs.msg import DisplacementField
+from cortshift_msgs.msg import DisplacementField, UpdatedMr
 from cortshift_msgs.srv import ListStages, Locate, LocateResponse, UpdateModel, UpdateModelResponse
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point
@@ -16,6 +16,7 @@ from cortshift_tracking.case.messages import MR_KEY, field_from_message
 from cortshift_tracking.errors import CortshiftError
 from cortshift_tracking.model.brain import ModelError, load_model
 from cortshift_tracking.model.case_update import check_mr, located, overlay_of, update_case, write_update
+from cortshift_tracking.model.message import updated_mr_message
 from cortshift_tracking.mr.admission import MrSource, admit_mr
 from cortshift_tracking.parameters import ParameterError, read_parameters
 from cortshift_tracking.probe.store import read_points
@@ -35,7 +36,8 @@ class BrainModelNode:
     Parameters   case (text, required): folder of the case; model (text, required): file of prepare_model; PARAMETERS above
     Subscribes   shift/field (the fields that ~update can take)
     Calls        shift_tracker/list_stages (the epochs of the field's stages)
-    Publishes    ~overlay (the rectified left image of the later stage with the structures as they were and are, latched), /diagnostics
+    Publishes    ~overlay (the rectified left image of the later stage with the structures as they were and are, latched),
+                 ~updated_mr (for igtl_bridge, latched), /diagnostics
     """
 
     def __init__(self):
@@ -50,6 +52,7 @@ class BrainModelNode:
         rospy.Subscriber('shift/field', DisplacementField, self._keep, queue_size=5)
         self._diagnostics = rospy.Publisher('/diagnostics', DiagnosticArray, queue_size=5)
         self._overlays = rospy.Publisher('~overlay', Image, queue_size=1, latch=True)
+        self._updates = rospy.Publisher('~updated_mr', UpdatedMr, queue_size=1, latch=True)
         rospy.Service('~update', UpdateModel, self._update)
         rospy.Service('~locate', Locate, self._locate)
         threading.Thread(target=self._report, daemon=True).start()
@@ -81,6 +84,7 @@ class BrainModelNode:
                 picture, why = self._overlay(updated, field)
                 write_update(updated, folder, picture)
                 self._updated = updated
+                self._updates.publish(updated_mr_message(updated.mr, updated.structures, field))
         except (CortshiftError, OSError) as error:
             self._state = f'{name} not updated: {error}'
             rospy.logwarn(self._state)
