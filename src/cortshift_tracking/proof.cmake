@@ -25,6 +25,7 @@ if(CATKIN_ENABLE_TESTING)
   cortshift_test(demo_case_test rostest graph 900 FILES test/graph/demo_case.test DEPENDS shift_tracker field_error)
   # The order of the house: who includes whom, sizes, names, and that each test is run by what CMake wrote.
   cortshift_test(house_test pytest quick 300 FILES test/house_test.py ENVIRONMENT CORTSHIFT_BUILD=${CMAKE_BINARY_DIR})
+  cortshift_test(changelogs_test pytest quick 120 FILES test/changelogs_test.py)
   foreach(test check_benchmark mutate require_results)
     cortshift_test(${test}_test pytest quick 300 FILES test/script/${test}_test.py)
   endforeach()

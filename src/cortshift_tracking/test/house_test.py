@@ -23,7 +23,7 @@ ROOMS = {
     'flow/start': {'flow', 'flow/images', 'flow/variational', 'flow/trust'},
     'flow/polish': {'flow', 'flow/images', 'flow/variational', 'flow/start', 'flow/trust'},
     'flow/trust': {'flow', 'flow/images', 'flow/variational', 'flow/polish'},
-    'flow/phantom': {'flow'},
+    'flow/phantom': {'flow'},   # how loops are compiled
     'stereo': STEREO_CORE | {'flow'},
     'stereo/geometry': {'stereo'},
     'stereo/images': set(),
