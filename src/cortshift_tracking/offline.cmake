@@ -1,6 +1,7 @@
 # Recorded cases without a master: library, tools and their tests.
 # Python: exports and cohorts; the modules are named in setup.py.
 catkin_install_python(PROGRAMS scripts/cohort/cohort_case scripts/cohort/cohort_table scripts/export_field DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+install(PROGRAMS scripts/cohort/slurm_job_status DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 
 find_package(BZip2 REQUIRED)
 add_library(${PROJECT_NAME}_offline

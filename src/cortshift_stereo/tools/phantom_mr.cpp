@@ -9,11 +9,14 @@
 namespace {
 
 constexpr const char* kUsage =
-    "usage: phantom_mr CASE.yaml OUT.nii [--voxel MM] [--noise SD] [--side MM]\n"
+    "usage: phantom_mr CASE.yaml OUT.nii [--voxel MM] [--noise SD] [--side MM] [--tumour LABELS.nii]\n"
     "Writes a T1-weighted NIfTI volume with contrast agent of the case's undeformed head, in pmr (RAS).\n"
     "  --voxel MM   side of a voxel, 0.1 to 2 (default 0.8)\n"
     "  --noise SD   standard deviation of the noise; white matter is 150 (default 2)\n"
-    "  --side MM    only a cube of this side around the middle of the craniotomy, 20 to 300\n";
+    "  --side MM    only a cube of this side around the middle of the craniotomy, 20 to 300\n"
+    "  --tumour LABELS.nii  with a tumour of 20 mm, 24 mm below the middle of the craniotomy, and the file of its "
+    "voxels\n";
+constexpr double kTumourRadius = 0.010;  // [m]
 
 }  // namespace
 
@@ -24,8 +27,14 @@ int main(int argc, char** argv) {
     return 0;
   }
   MrSettings settings;
+  const char* tumour = nullptr;
   bool usable = argc >= 3 && argc % 2 == 1;
   for (int i = 3; usable && i < argc; i += 2) {
+    if (std::strcmp(argv[i], "--tumour") == 0) {
+      tumour = argv[i + 1];
+      settings.tumour = kTumourRadius;
+      continue;
+    }
     char* end = nullptr;
     const double value = std::strtod(argv[i + 1], &end);
     usable = end != argv[i + 1] && *end == '\0';
@@ -43,7 +52,9 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    writeNifti(makeMr(PhantomScene(loadPhantomCase(argv[1])), settings), argv[2]);
+    const PhantomScene scene(loadPhantomCase(argv[1]));
+    writeNifti(makeMr(scene, settings), argv[2]);
+    if (tumour) writeNifti(makeTumour(scene, settings), tumour);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "phantom_mr: %s\n", error.what());
     return 1;

@@ -11,7 +11,9 @@
 #include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
 #include "cortshift_stereo/calibration/hand_eye/pose_table.hpp"
 #include "cortshift_stereo/calibration/settings/settings_manifest.hpp"
+#include "cortshift_stereo/calibration/settings/settings_report.hpp"
 #include "cortshift_stereo/calibration/settings/settings_warp.hpp"
+#include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
 #include "cortshift_tracking/field/exclusion.hpp"
 
 namespace {
@@ -27,6 +29,8 @@ constexpr Read kReaders[] = {
     [](const std::string& path) { cortshift_stereo::readSettingsWarp(path); },
     [](const std::string& path) { cortshift_tracking::readRegions(path); },
     [](const std::string& path) { cortshift_flow::readSettings(path); },
+    [](const std::string& path) { cortshift_stereo::readStereoResiduals(path); },
+    [](const std::string& path) { cortshift_stereo::readSettingsResiduals(path); },
 };
 
 }  // namespace

@@ -97,7 +97,13 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
                               ? earlier.outline
                               : Outline{excludedMask(earlier.frame, knowledge.brain), "drawn by hand"};
   result.field.brain = outline.brain;
-  result.field.uncertainty = uncertaintyOf(result.field, surround);
+  const auto pixelOf = [&](const Projection& projection, const std::optional<PlacedCamera>& camera) {
+    const double spacing = projection.max_edge / settings.projection.max_edge_ratio * projection.resolution;
+    return pixelOfDisparity(projection, spacing, earlier.frame, camera);
+  };
+  const cv::Mat own = ownErrorsOf({result.earlier, result.later, registered.flow, registered.confidence,
+                                   pixelOf(result.earlier, knowledge.earlier), pixelOf(result.later, knowledge.later)});
+  result.field.uncertainty = uncertaintyOf(result.field, own, surround);
   if (settings.with_strain) {
     const Strain strain = surfaceStrain(result.field, settings.strain);
     result.field.strain_major = strain.major;
@@ -110,7 +116,7 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
   result.summary.flow_seconds = flow_seconds;
   result.summary.inversion_seconds = inversion_seconds;
   result.summary.configuration = settings.configuration;
-  addBudget(result.summary, result.field, surround);
+  addBudget(result.summary, result.field, own, surround);
   result.summary.outline = outline.text;
   result.summary.surround = surround.text;
   result.summary.warnings = surround.warnings;

@@ -23,7 +23,7 @@ ROOMS = {
     'flow/start': {'flow', 'flow/images', 'flow/variational', 'flow/trust'},
     'flow/polish': {'flow', 'flow/images', 'flow/variational', 'flow/start', 'flow/trust'},
     'flow/trust': {'flow', 'flow/images', 'flow/variational', 'flow/polish'},
-    'flow/phantom': set(),
+    'flow/phantom': {'flow'},   # how loops are compiled
     'stereo': STEREO_CORE | {'flow'},
     'stereo/geometry': {'stereo'},
     'stereo/images': set(),
@@ -42,7 +42,7 @@ ROOMS = {
     'tracking/matching': {'tracking', 'tracking/projection', 'tracking/trust', 'flow'},
     'tracking/trust': {'tracking', 'tracking/projection', 'tracking/matching', 'stereo/geometry', 'flow'},
     'tracking/field': TRACKING_CORE | {'tracking/case', 'stereo', 'stereo/geometry', 'flow'},   # of case the names of stages alone
-    'tracking/surround': TRACKING_CORE | {'stereo', 'stereo/geometry', 'flow'},
+    'tracking/surround': TRACKING_CORE | {'stereo', 'stereo/geometry', 'stereo/refinement', 'flow'},
     'tracking/case': TRACKING_CORE | STEREO_CORE | {'stereo/ros'},
     'tracking/igtl': {'tracking', 'flow', 'stereo', 'tracking/case'},   # of case what a key is alone
     'tracking/model': TRACKING_CORE | STEREO_CORE | {'flow'},

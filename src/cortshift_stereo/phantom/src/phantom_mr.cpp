@@ -16,21 +16,28 @@ namespace {
 
 // Intensities of a contrast-enhanced T1-weighted scan.
 constexpr double kAir = 2, kSkull = 18, kCsf = 25, kDura = 70, kGrey = 100, kWhite = 150, kFat = 190, kVessel = 255;
+constexpr double kTumourCore = 60, kTumourRim = 210;
 // Layers above the cortex, from inside out [m].
 constexpr double kCsfTop = 0.0022, kDuraTop = 0.0032, kSkullTop = 0.0095, kScalpTop = 0.0145;
 constexpr double kCorticalThickness = 0.0028;  // of grey matter on the crowns [m]
 constexpr double kSulcalDepth = 0.0090;        // how much deeper white matter begins under a sulcus [m]
 constexpr double kClosing = 0.018;             // outside the rim the dome passes into a ball over this width [m]
 constexpr double kTableStep = 0.0001;          // of the tables over the brain's plane [m]
-constexpr double kSmallest = 0.0001, kLargest = 0.002;      // voxel [m]
-constexpr int kMostVoxels = 800;                            // a side of the volume: 1 GB
-constexpr double kSmallestSide = 0.02, kLargestSide = 0.3;  // of the volume [m]
+constexpr double kTumourDepth = 0.024;         // of its middle below that of the craniotomy [m]
+constexpr double kTumourRimWidth = 0.002;      // where contrast agent gathers [m]
+constexpr double kSmallestTumour = 0.003, kLargestTumour = 0.015;  // radius [m]: it lies in white matter
+constexpr double kSmallest = 0.0001, kLargest = 0.002;             // voxel [m]
+constexpr int kMostVoxels = 800;                                   // a side of the volume: 1 GB
+constexpr double kSmallestSide = 0.02, kLargestSide = 0.3;         // of the volume [m]
+
+double fromTumour(const Eigen::Vector3d& p) { return (p + Eigen::Vector3d(0, 0, kTumourDepth)).norm(); }
 
 /// The undeformed cortex over the brain's plane, tabulated: closed forms cost too much for millions of samples.
 class Cortex {
  public:
-  explicit Cortex(const PhantomScene& scene)
-      : radius_(scene.description().head.dome_radius),
+  Cortex(const PhantomScene& scene, double tumour)
+      : tumour_(tumour),
+        radius_(scene.description().head.dome_radius),
         half_(0.98 * radius_),
         count_(2 * static_cast<int>(std::ceil(half_ / kTableStep)) + 1) {
     const cortshift_flow_phantom::CorticalTexture& texture = scene.texture();
@@ -61,6 +68,8 @@ class Cortex {
 
   /// Intensity at a point of the brain frame [m].
   double intensity(const Eigen::Vector3d& p) const {
+    const double in_tumour = tumour_ - fromTumour(p);
+    if (in_tumour > 0) return in_tumour < kTumourRimWidth ? kTumourRim : kTumourCore;
     const Place place = at(p);
     if (place.above_dome > kScalpTop) return kAir;
     if (place.above_dome > kSkullTop) return kFat;
@@ -75,6 +84,8 @@ class Cortex {
 
   /// Whether tissues may meet within about `reach` [m] of a point of the brain frame.
   bool mayMeet(const Eigen::Vector3d& p, double reach) const {
+    const double in_tumour = tumour_ - fromTumour(p);
+    if (tumour_ > 0 && in_tumour > -reach && in_tumour < kTumourRimWidth + reach) return true;
     const Place place = at(p);
     for (const double top : {kScalpTop, kSkullTop, kDuraTop, kCsfTop})
       if (std::abs(place.above_dome - top) < reach) return true;
@@ -110,11 +121,34 @@ class Cortex {
     return {(1 - closing) * dome + closing * ball, (1 - closing) * cortex + closing * ball, value[2], value[3]};
   }
 
+  double tumour_;  // radius [m]; 0: none
   double radius_, half_;
   int count_;
   cv::Mat table_;  // CV_32FC4: height over the hyperboloid [m], share of the ball, valley 0...1, half thickness of the
                    // vessel [m]
 };
+
+/// The grid of a volume, its voxels 0.
+MrVolume emptyVolume(const PhantomScene& scene, const MrSettings& settings) {
+  settings.validate();
+  const double ball = scene.description().head.dome_radius;
+  const bool whole = settings.side == 0;
+  const Eigen::Vector3d centre = scene.description().T_pmr_brain * Eigen::Vector3d(0, 0, whole ? -ball : 0);
+  const double reach = whole ? ball + kScalpTop + 0.004 : settings.side / 2;
+  const int n = static_cast<int>(std::ceil(2 * reach / settings.voxel));
+  if (n > kMostVoxels)
+    throw PhantomCaseError("voxel = " + std::to_string(1000 * settings.voxel) + " mm makes " + std::to_string(n) +
+                           " voxels a side, allowed are " + std::to_string(kMostVoxels) +
+                           "; take larger ones, or a smaller side of the volume");
+
+  MrVolume volume;
+  volume.size = {n, n, n};
+  volume.data.resize(static_cast<std::size_t>(n) * n * n);
+  volume.T_pmr_voxel = Eigen::Affine3d::Identity();
+  volume.T_pmr_voxel.linear() = Eigen::Vector3d(-settings.voxel, settings.voxel, settings.voxel).asDiagonal();
+  volume.T_pmr_voxel.translation() = centre + 0.5 * (n - 1) * settings.voxel * Eigen::Vector3d(1, -1, -1);
+  return volume;
+}
 
 double gaussian(Random& random) {
   constexpr double kPi = 3.14159265358979323846;
@@ -139,31 +173,17 @@ void MrSettings::validate() const {
         << kLargestSide;
   else if (!(noise >= 0 && noise <= 50))
     out << "noise = " << noise << " is not allowed; allowed is 0 ... 50";
+  else if (!(tumour == 0 || (tumour >= kSmallestTumour && tumour <= kLargestTumour)))
+    out << "tumour = " << tumour << " m is not allowed; allowed is 0 (none) and " << kSmallestTumour << " ... "
+        << kLargestTumour;
   if (!out.str().empty()) throw PhantomCaseError(out.str());
 }
 
 MrVolume makeMr(const PhantomScene& scene, const MrSettings& settings) {
-  settings.validate();
-  const Cortex cortex(scene);
-  const Eigen::Isometry3d& T_pmr_brain = scene.description().T_pmr_brain;
-  const double ball = scene.description().head.dome_radius;
-  const bool whole = settings.side == 0;
-  const Eigen::Vector3d centre = T_pmr_brain * Eigen::Vector3d(0, 0, whole ? -ball : 0);
-  const double reach = whole ? ball + kScalpTop + 0.004 : settings.side / 2;
-  const int n = static_cast<int>(std::ceil(2 * reach / settings.voxel));
-  if (n > kMostVoxels)
-    throw PhantomCaseError("voxel = " + std::to_string(1000 * settings.voxel) + " mm makes " + std::to_string(n) +
-                           " voxels a side, allowed are " + std::to_string(kMostVoxels) +
-                           "; take larger ones, or a smaller side of the volume");
-
-  MrVolume volume;
-  volume.size = {n, n, n};
-  volume.data.resize(static_cast<std::size_t>(n) * n * n);
-  volume.T_pmr_voxel = Eigen::Affine3d::Identity();
-  volume.T_pmr_voxel.linear() = Eigen::Vector3d(-settings.voxel, settings.voxel, settings.voxel).asDiagonal();
-  volume.T_pmr_voxel.translation() = centre + 0.5 * (n - 1) * settings.voxel * Eigen::Vector3d(1, -1, -1);
-
-  const Eigen::Affine3d T_brain_voxel = T_pmr_brain.inverse() * volume.T_pmr_voxel;
+  MrVolume volume = emptyVolume(scene, settings);
+  const Cortex cortex(scene, settings.tumour);
+  const int n = volume.size[0];
+  const Eigen::Affine3d T_brain_voxel = scene.description().T_pmr_brain.inverse() * volume.T_pmr_voxel;
   const int s = settings.supersampling;
   cv::parallel_for_(cv::Range(0, n), [&](const cv::Range& range) {
     for (int k = range.start; k < range.end; ++k) {
@@ -190,6 +210,17 @@ MrVolume makeMr(const PhantomScene& scene, const MrSettings& settings) {
         }
     }
   });
+  return volume;
+}
+
+MrVolume makeTumour(const PhantomScene& scene, const MrSettings& settings) {
+  MrVolume volume = emptyVolume(scene, settings);
+  const Eigen::Affine3d T_brain_voxel = scene.description().T_pmr_brain.inverse() * volume.T_pmr_voxel;
+  std::size_t at = 0;
+  for (int k = 0; k < volume.size[2]; ++k)
+    for (int j = 0; j < volume.size[1]; ++j)
+      for (int i = 0; i < volume.size[0]; ++i)
+        volume.data[at++] = fromTumour(T_brain_voxel * Eigen::Vector3d(i, j, k)) < settings.tumour ? 1 : 0;
   return volume;
 }
 

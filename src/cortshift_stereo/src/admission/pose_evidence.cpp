@@ -33,30 +33,82 @@ double median(std::vector<double> values) {
 
 bool same(const EdgeSample& a, const EdgeSample& b) { return a.T_parent_child.matrix() == b.T_parent_child.matrix(); }
 
+/// Seconds of a sample since the first.
+double timeOf(const MovingEdge& edge, std::size_t sample) {
+  return 1e-9 * static_cast<double>(edge.samples[sample].stamp_ns - edge.samples[0].stamp_ns);
+}
+
+/// Where the samples place what the camera sees at a depth.
+std::vector<Eigen::Vector3d> placesOf(const MovingEdge& edge, double depth) {
+  const Eigen::Vector3d seen = edge.T_child_source * Eigen::Vector3d(0, 0, depth);
+  std::vector<Eigen::Vector3d> at;
+  for (const EdgeSample& sample : edge.samples) at.push_back(sample.T_parent_child * seen);
+  return at;
+}
+
+/// Of each sample from what those on either side of it lead to expect.
+std::vector<double> deviationsOf(const MovingEdge& edge, const std::vector<Eigen::Vector3d>& at) {
+  std::vector<double> deviations;
+  for (std::size_t i = 1; i + 1 < at.size(); ++i) {
+    const double share = (timeOf(edge, i) - timeOf(edge, i - 1)) / (timeOf(edge, i + 1) - timeOf(edge, i - 1));
+    deviations.push_back((at[i] - (1 - share) * at[i - 1] - share * at[i + 1]).norm());
+  }
+  return deviations;
+}
+
+/// Root mean square of a sample.
+double jitterOf(const std::vector<double>& deviations) {
+  double squares = 0;
+  for (const double deviation : deviations) squares += deviation * deviation;
+  return std::sqrt(squares / static_cast<double>(deviations.size()) / kNeighbours);
+}
+
+/// Of the straight line through the samples [m/s].
+Eigen::Vector3d velocityOf(const MovingEdge& edge, const std::vector<Eigen::Vector3d>& at) {
+  double middle = 0;
+  for (std::size_t i = 0; i < at.size(); ++i) middle += timeOf(edge, i) / static_cast<double>(at.size());
+  Eigen::Vector3d moments = Eigen::Vector3d::Zero();
+  double squares = 0;
+  for (std::size_t i = 0; i < at.size(); ++i) {
+    const double time = timeOf(edge, i) - middle;
+    moments += time * (at[i] - at[0]);
+    squares += time * time;
+  }
+  return moments / squares;
+}
+
+/// Variance of a pose between two samples over that of a sample: half of it in the middle, all of it beside one.
+double shareOfNoise(const MovingEdge& edge, int64_t stamp_ns) {
+  for (std::size_t i = 1; i < edge.samples.size(); ++i) {
+    const int64_t before = edge.samples[i - 1].stamp_ns, after = edge.samples[i].stamp_ns;
+    if (stamp_ns < before || stamp_ns > after) continue;
+    const double later = static_cast<double>(stamp_ns - before) / static_cast<double>(after - before);
+    return later * later + (1 - later) * (1 - later);
+  }
+  return 1;
+}
+
+/// From mean squares of lengths at the camera and where it looks.
+PoseSpread spreadOf(double at_camera, double where_it_looks, double working_distance) {
+  // Two of the three rotations move what lies ahead.
+  return {std::sqrt(at_camera / 3), std::sqrt(std::max(0.0, where_it_looks - at_camera) / 2) / working_distance};
+}
+
 }  // namespace
 
 EdgeTremble trembleOf(const MovingEdge& edge, double working_distance) {
   EdgeTremble worst_of_both;
   if (edge.samples.size() < kFewest) return worst_of_both;
   for (const double depth : {0.0, working_distance}) {
-    const Eigen::Vector3d seen = edge.T_child_source * Eigen::Vector3d(0, 0, depth);
-    std::vector<Eigen::Vector3d> at;
-    for (const EdgeSample& sample : edge.samples) at.push_back(sample.T_parent_child * seen);
-    std::vector<double> next, next_but_one, deviations;
-    double squares = 0;
+    const std::vector<Eigen::Vector3d> at = placesOf(edge, depth);
+    std::vector<double> next, next_but_one;
     for (std::size_t i = 0; i + 1 < at.size(); ++i) {
       next.push_back((at[i + 1] - at[i]).norm());
-      if (i == 0) continue;
-      next_but_one.push_back((at[i + 1] - at[i - 1]).norm());
-      const auto time = [&](std::size_t k) {
-        return static_cast<double>(edge.samples[k].stamp_ns - edge.samples[0].stamp_ns);
-      };
-      const double share = (time(i) - time(i - 1)) / (time(i + 1) - time(i - 1));
-      deviations.push_back((at[i] - (1 - share) * at[i - 1] - share * at[i + 1]).norm());
-      squares += deviations.back() * deviations.back();
+      if (i > 0) next_but_one.push_back((at[i + 1] - at[i - 1]).norm());
     }
+    const std::vector<double> deviations = deviationsOf(edge, at);
     EdgeTremble here;
-    here.jitter = std::sqrt(squares / static_cast<double>(deviations.size()) / kNeighbours);
+    here.jitter = jitterOf(deviations);
     here.middle = median(deviations);
     here.worst = *std::max_element(deviations.begin(), deviations.end());
     here.next = median(next);
@@ -64,6 +116,26 @@ EdgeTremble trembleOf(const MovingEdge& edge, double working_distance) {
     if (depth == 0 || here.worst > worst_of_both.worst) worst_of_both = here;
   }
   return worst_of_both;
+}
+
+std::optional<ExposureMotion> exposureMotion(const TransformTree& tree, const std::string& target,
+                                             const std::string& source, int64_t stamp_ns, double working_distance) {
+  const auto window = static_cast<int64_t>(1e9 * PoseLimits::kWindow);
+  const std::vector<MovingEdge> edges = tree.movingEdges(target, source, stamp_ns, window);
+  if (edges.empty()) return std::nullopt;
+  double tremble[2] = {0, 0}, speed[2] = {0, 0};  // squared lengths, at the camera and where it looks
+  for (const MovingEdge& edge : edges) {
+    if (edge.samples.size() < kFewest) return std::nullopt;
+    const double share = shareOfNoise(edge, stamp_ns);
+    for (const int place : {0, 1}) {
+      const std::vector<Eigen::Vector3d> at = placesOf(edge, place * working_distance);
+      const double jitter = jitterOf(deviationsOf(edge, at));
+      tremble[place] += share * jitter * jitter;
+      speed[place] += velocityOf(edge, at).squaredNorm();
+    }
+  }
+  return ExposureMotion{spreadOf(tremble[0], tremble[1], working_distance),
+                        spreadOf(speed[0], speed[1], working_distance)};
 }
 
 Findings checkPublishers(const MovingEdge& edge, const EdgeTremble& tremble) {

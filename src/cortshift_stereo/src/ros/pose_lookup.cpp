@@ -57,4 +57,17 @@ Findings PoseLookup::judge(const std::string& target, const std::string& source,
   return judgePoses(tree_, target, source, stamp, limits);
 }
 
+PoseSource PoseLookup::source(ros::WallDuration wall_timeout, const PoseLimits& limits) {
+  return {[this, wall_timeout](const std::string& target, const std::string& source, const ros::Time& stamp) {
+            return lookup(target, source, stamp, wall_timeout);
+          },
+          [this, limits](const std::string& target, const std::string& source, const ros::Time& stamp) {
+            return judge(target, source, stamp, limits);
+          },
+          [this](const std::string& target, const std::string& source, const ros::Time& stamp) {
+            const std::lock_guard<std::mutex> lock(mutex_);
+            return poseMotion(tree_, target, source, stamp);
+          }};
+}
+
 }  // namespace cortshift_stereo

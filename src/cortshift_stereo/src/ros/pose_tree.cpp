@@ -1,6 +1,5 @@
 #include "cortshift_stereo/ros/pose_tree.hpp"
 
-#include "cortshift_stereo/admission/pose_evidence.hpp"
 #include "cortshift_stereo/ros/pose_source.hpp"
 
 namespace cortshift_stereo {
@@ -32,6 +31,11 @@ Eigen::Isometry3d poseFrom(const TransformTree& tree, const std::string& target,
 Findings judgePoses(const TransformTree& tree, const std::string& target, const std::string& source,
                     const ros::Time& stamp, const PoseLimits& limits) {
   return checkPoses(tree, withoutSlash(target), withoutSlash(source), static_cast<int64_t>(stamp.toNSec()), limits);
+}
+
+std::optional<ExposureMotion> poseMotion(const TransformTree& tree, const std::string& target,
+                                         const std::string& source, const ros::Time& stamp) {
+  return exposureMotion(tree, withoutSlash(target), withoutSlash(source), static_cast<int64_t>(stamp.toNSec()));
 }
 
 }  // namespace cortshift_stereo

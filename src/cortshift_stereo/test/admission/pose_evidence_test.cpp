@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include <cmath>
 #include <memory>
 #include <opencv2/imgproc.hpp>
 #include <random>
@@ -48,6 +49,50 @@ TEST(Poses, ATrackerThatMeasuresIsAccepted) {
     Noise noise(0.00008, seed);  // 0.14 mm in space
     EXPECT_TRUE(judge(treeOf([&](int) { return noise(); })).all().empty()) << seed;
   }
+}
+
+/// Root mean square over trials of what exposureMotion says.
+template <typename Value>
+double overTrials(const Value& value, int64_t stamp) {
+  double squares = 0;
+  constexpr int kTrials = 200;
+  for (unsigned seed = 0; seed < kTrials; ++seed) {
+    Noise noise(0.0001, seed);
+    const auto motion = exposureMotion(treeOf([&](int) { return noise(); }), "pmr", "left", stamp);
+    squares += std::pow(value(motion.value()), 2) / kTrials;
+  }
+  return std::sqrt(squares);
+}
+
+TEST(ExposureMotion, TheTrembleIsThatOfTheSamples) {
+  const auto tremble = [](const ExposureMotion& motion) { return motion.tremble.translation; };
+  EXPECT_NEAR(overTrials(tremble, kExposure), 0.0001, 0.00001) << "at a sample";
+  EXPECT_NEAR(overTrials(tremble, kExposure + kPeriod / 2), 0.0001 / std::sqrt(2), 0.000007) << "between two samples";
+  EXPECT_LT(overTrials([](const ExposureMotion& motion) { return motion.tremble.rotation; }, kExposure), 1e-9);
+}
+
+TEST(ExposureMotion, TheSpeedIsThatOfTheCameraAndOfWhatItLooksAt) {
+  const auto ways =
+      exposureMotion(treeOf([](int n) { return Eigen::Vector3d(0.0005 * n, 0, 0); }), "pmr", "left", kExposure);
+  ASSERT_TRUE(ways);
+  EXPECT_NEAR(ways->speed.translation, 0.010 / std::sqrt(3), 1e-9);  // 10 mm/s
+  EXPECT_LT(ways->tremble.translation, 1e-9);
+  TransformTree turning(0.15, 60);
+  for (int n = 0; n <= 40; ++n)
+    turning.addSample("pmr", "left", n * kPeriod, {0, 0, 0},
+                      Eigen::Quaterniond(Eigen::AngleAxisd(0.001 * n, Eigen::Vector3d::UnitX())));
+  const auto turn = exposureMotion(turning, "pmr", "left", kExposure);
+  ASSERT_TRUE(turn);
+  // 20 mrad/s move what is 0.3 m away by 6 mm/s, in which two axes share.
+  EXPECT_NEAR(turn->speed.rotation, 0.020 / std::sqrt(2), 1e-6);
+  EXPECT_LT(turn->speed.translation, 1e-9);
+}
+
+TEST(ExposureMotion, FewSamplesSayNothing) {
+  TransformTree tree(0.15, 60);
+  for (int n = 0; n < 3; ++n)
+    tree.addSample("pmr", "left", kExposure + n * kPeriod, {0, 0, 0}, Eigen::Quaterniond::Identity());
+  EXPECT_FALSE(exposureMotion(tree, "pmr", "left", kExposure));
 }
 
 TEST(Poses, WithoutNoiseTheyAreAccepted) {

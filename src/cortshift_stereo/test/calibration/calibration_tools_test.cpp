@@ -12,7 +12,9 @@
 
 #include "cortshift_stereo/calibration/camera_info_yaml.hpp"
 #include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
+#include "cortshift_stereo/calibration/settings/settings_report.hpp"
 #include "cortshift_stereo/calibration/settings/settings_warp.hpp"
+#include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
 #include "cortshift_stereo_phantom/board_image.hpp"
 #include "real_chessboards.hpp"
 #include "scratch_folder.hpp"
@@ -84,6 +86,12 @@ TEST(Tools, CalibrateStereoOnEverySecondRealPair) {
     EXPECT_EQ(report["checked"]["views"].size() + report["used"]["views"].size(), kRealViews.size());
     const auto model = readStereoModelYaml(folder.file("out/left.yaml"), folder.file("out/right.yaml"));
     EXPECT_NEAR(model.baseline(), 0.0833, 0.0005);
+    const StereoResiduals residuals = readStereoResiduals(folder.file("out/report.yaml"));
+    EXPECT_NEAR(residuals.baseline, model.baseline(), 1e-6);
+    EXPECT_EQ(residuals.focal_length, report["left"]["focal_length_px"].as<double>());
+    EXPECT_EQ(residuals.focal_deviation, report["focal_length_deviation_percent"].as<double>() / 100);
+    EXPECT_GT(residuals.epipolar_rms, 0.05);
+    EXPECT_LT(residuals.epipolar_rms, 0.3);
   }
 }
 
@@ -206,6 +214,13 @@ TEST(Tools, CalibrateSettingsFromRenderedImages) {
   EXPECT_EQ(report["verdict"].as<std::string>(), "doubtful") << "one small board covers little of the image";
   EXPECT_THAT(outcome.text, testing::HasSubstr("\nverdict: doubtful: left: boards cover"));
   EXPECT_LT(report["right"]["held_out_rms_px"].as<double>(), 0.2);
+  const SettingsResiduals residuals = readSettingsResiduals(rendered.folder().file("out/settings_report.yaml"));
+  EXPECT_EQ(residuals.reference.focal_length, 0.3);
+  EXPECT_NEAR(
+      residuals.disparity_rms,
+      std::hypot(report["left"]["held_out_rms_px"].as<double>(), report["right"]["held_out_rms_px"].as<double>()) /
+          std::sqrt(2),
+      1e-9);
 }
 
 TEST(Tools, CalibrateSettingsNamesFaultsOfTheManifest) {

@@ -6,16 +6,39 @@
 #include "cortshift_tracking/case/patient_registration.hpp"
 #include "cortshift_tracking/field/summary.hpp"
 #include "cortshift_tracking/projection/projection_frame.hpp"
+#include "cortshift_tracking/surround/pose_uncertainty.hpp"
 
 namespace cortshift_tracking {
 namespace {
 
-using cortshift_stereo::PoseAt;
+using cortshift_stereo::PoseSource;
+using cortshift_stereo::PoseSpread;
 
-void addTransforms(StageRecord& record, const PoseAt& pose_at, std::string& remarks) {
+cortshift_msgs::PoseError errorOf(const char* source, const char* known_from, const PoseSpread& spread, double factor) {
+  cortshift_msgs::PoseError error;
+  error.source = source;
+  error.known_from = known_from;
+  error.translation_sd = factor * spread.translation;
+  error.rotation_sd = factor * spread.rotation;
+  error.common = 0;
+  return error;
+}
+
+/// What is stored already stays where the samples are not known.
+void addPoseErrors(cortshift_msgs::StageInfo& info, const PoseSource& poses, double latency_sd) {
+  if (!poses.motion) return;
+  const auto motion = poses.motion("pmr", "left_optical", info.stamp);
+  if (!motion) return;
+  info.pose_errors = {
+      errorOf(kTremble, "measured around the exposure", motion->tremble, 1),
+      errorOf("latency of the tracker", "configured, times the speed around the exposure", motion->speed, latency_sd)};
+}
+
+void addTransforms(StageRecord& record, const PoseSource& poses, double latency_sd, std::string& remarks) {
   const ros::Time& stamp = record.info.stamp;
   try {
-    record.info.camera_pose = cortshift_stereo::toPose(pose_at("pmr", "left_optical", stamp));
+    record.info.camera_pose = cortshift_stereo::toPose(poses.at("pmr", "left_optical", stamp));
+    addPoseErrors(record.info, poses, latency_sd);
   } catch (const std::exception& error) {
     record.info.camera_pose = unknownPose();
     remarks += std::string("; camera pose not known: ") + error.what();
@@ -27,7 +50,7 @@ void addTransforms(StageRecord& record, const PoseAt& pose_at, std::string& rema
     transform.header.stamp = stamp;
     transform.header.frame_id = parent;
     transform.child_frame_id = child;
-    transform.transform = cortshift_stereo::toTransform(pose_at(parent, child, stamp));
+    transform.transform = cortshift_stereo::toTransform(poses.at(parent, child, stamp));
     return transform;
   };
   try {
@@ -43,9 +66,9 @@ void addTransforms(StageRecord& record, const PoseAt& pose_at, std::string& rema
 
 }  // namespace
 
-std::string placeRecord(StageRecord& record, const PoseAt& pose_at) {
+std::string placeRecord(StageRecord& record, const PoseSource& poses, double latency_sd) {
   std::string remarks;
-  addTransforms(record, pose_at, remarks);
+  addTransforms(record, poses, latency_sd, remarks);
   record.info.registration = registrationOf(record.tf_static);
   record.info.provenance.software = cortshift_stereo::softwareVersion();
   record.info.provenance.configuration = record.parameters.empty() ? "" : cortshift_stereo::sha256(record.parameters);
@@ -53,7 +76,7 @@ std::string placeRecord(StageRecord& record, const PoseAt& pose_at) {
   return remarks;
 }
 
-std::string completeStage(StageRecord& record, const PoseAt& pose_at) {
+std::string completeStage(StageRecord& record, const PoseSource& poses, double latency_sd) {
   const cortshift_stereo::Surface surface = cortshift_stereo::surfaceFromPointCloud2(*record.surface);
   averageNormal(surface);  // a surface that no shift can be computed from is refused now
   record.info.valid_points = 0;
@@ -69,7 +92,7 @@ std::string completeStage(StageRecord& record, const PoseAt& pose_at) {
     record.info.settings.header.stamp = record.info.stamp;
     record.info.settings.magnification = record.info.settings.focal_length = kUnknown;
   }
-  return remarks + placeRecord(record, pose_at);
+  return remarks + placeRecord(record, poses, latency_sd);
 }
 
 }  // namespace cortshift_tracking

@@ -94,36 +94,57 @@ Bytes finish(const Label& label, MessagePointer& message) {
   return withHeader(1, message->GetDeviceType(), label, Bytes(body, body + message->GetPackBodySize()));
 }
 
+/// Size, axes and place of an image; matrix_mm maps (column, row, slice) to the link's space.
+void place(::igtl::ImageMessage& message, const Eigen::Array3i& size, const Eigen::Matrix4d& matrix_mm, Axes axes) {
+  message.SetDimensions(size[0], size[1], size[2]);
+  message.SetEndian(::igtl::ImageMessage::ENDIAN_LITTLE);
+  message.SetCoordinateSystem(axes == Axes::kRas ? ::igtl::ImageMessage::COORDINATE_RAS
+                                                 : ::igtl::ImageMessage::COORDINATE_LPS);
+  const Eigen::Matrix3d sides = matrix_mm.topLeftCorner<3, 3>();
+  const Eigen::Vector3d spacing = sides.colwise().norm();
+  message.SetSpacing(static_cast<float>(spacing[0]), static_cast<float>(spacing[1]), static_cast<float>(spacing[2]));
+  // On the wire the origin is the centre of the image, not its first pixel.
+  const Eigen::Vector3d middle = (size.cast<double>() - 1) / 2;
+  const Eigen::Vector3d centre = sides * middle + matrix_mm.topRightCorner<3, 1>();
+  ::igtl::Matrix4x4 matrix;
+  ::igtl::IdentityMatrix(matrix);
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column)
+      matrix[row][column] = static_cast<float>(sides(row, column) / spacing[column]);
+    matrix[row][3] = static_cast<float>(centre[row]);
+  }
+  message.SetMatrix(matrix);
+}
+
 }  // namespace
 
 Bytes composeImage(const Label& label, const Picture& picture, const Eigen::Matrix4d& matrix_mm, Axes axes) {
   const std::lock_guard<std::mutex> lock(library_mutex);
   auto message = ::igtl::ImageMessage::New();
-  message->SetDimensions(picture.columns, picture.rows, 1);
   message->SetNumComponents(picture.channels);
   message->SetScalarTypeToUint8();
-  message->SetEndian(::igtl::ImageMessage::ENDIAN_LITTLE);
-  message->SetCoordinateSystem(axes == Axes::kRas ? ::igtl::ImageMessage::COORDINATE_RAS
-                                                  : ::igtl::ImageMessage::COORDINATE_LPS);
-  const Eigen::Vector3d i = matrix_mm.block<3, 1>(0, 0), j = matrix_mm.block<3, 1>(0, 1),
-                        k = matrix_mm.block<3, 1>(0, 2);
-  message->SetSpacing(static_cast<float>(i.norm()), static_cast<float>(j.norm()), static_cast<float>(k.norm()));
-  // On the wire the origin is the centre of the image, not its first pixel.
-  const Eigen::Vector4d centre =
-      matrix_mm * Eigen::Vector4d((picture.columns - 1) / 2.0, (picture.rows - 1) / 2.0, 0, 1);
-  ::igtl::Matrix4x4 matrix;
-  ::igtl::IdentityMatrix(matrix);
-  for (int row = 0; row < 3; ++row) {
-    matrix[row][0] = static_cast<float>(i[row] / i.norm());
-    matrix[row][1] = static_cast<float>(j[row] / j.norm());
-    matrix[row][2] = static_cast<float>(k[row] / k.norm());
-    matrix[row][3] = static_cast<float>(centre[row]);
-  }
-  message->SetMatrix(matrix);
+  place(*message, {picture.columns, picture.rows, 1}, matrix_mm, axes);
   message->AllocateScalars();
   const std::size_t size = static_cast<std::size_t>(picture.rows) * static_cast<std::size_t>(picture.columns) *
                            static_cast<std::size_t>(picture.channels);
   std::copy(picture.pixels, picture.pixels + size, static_cast<std::uint8_t*>(message->GetScalarPointer()));
+  return finish(label, message);
+}
+
+Bytes composeVolume(const Label& label, const Voxels& voxels, const Eigen::Matrix4d& matrix_mm, Axes axes) {
+  constexpr int kMost = 65535;  // a side, as the protocol has it
+  for (const int side : {voxels.columns, voxels.rows, voxels.slices})
+    if (side < 1 || side > kMost)
+      throw std::invalid_argument("a side of the volume has " + std::to_string(side) + " voxels");
+  const std::lock_guard<std::mutex> lock(library_mutex);
+  auto message = ::igtl::ImageMessage::New();
+  message->SetNumComponents(1);
+  message->SetScalarType(::igtl::ImageMessage::TYPE_FLOAT32);
+  place(*message, {voxels.columns, voxels.rows, voxels.slices}, matrix_mm, axes);
+  message->AllocateScalars();
+  const std::size_t size = static_cast<std::size_t>(voxels.columns) * static_cast<std::size_t>(voxels.rows) *
+                           static_cast<std::size_t>(voxels.slices);
+  std::memcpy(message->GetScalarPointer(), voxels.values, size * sizeof(float));
   return finish(label, message);
 }
 

@@ -9,7 +9,6 @@
 namespace cortshift_tracking::igt {
 
 constexpr std::size_t kTypeSize = 12;
-constexpr std::size_t kDeviceSize = 20;
 constexpr std::int64_t kNanoseconds = 1000000000;  // in a second
 
 /// The protocol counts parts of a second in units of 2^-32 s.

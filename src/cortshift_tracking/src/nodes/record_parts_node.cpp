@@ -1,12 +1,17 @@
-/// record_parts --prefix PATH --minutes M --parts N --compression lz4|none [--hold TOPIC ...] TOPIC ...
+/// record_parts --prefix PATH --minutes M --parts N --compression lz4|none [--parent PID] [--hold TOPIC ...] TOPIC ...
 ///
 /// Writes topics to bags in parts that stand alone; case_recorder runs it. Says on standard output, one line each
 /// second in which something is new:
 ///   lost TOPIC COUNT    messages of TOPIC that never arrived, or that the disk was too slow for, since the beginning
 ///   failed REASON       why it ends
 /// Exit status: 0 ended by SIGINT, the last part is whole; 1 failed; 2 bad usage.
+///
+/// --parent: who started it. When that one is gone it records on, so that nothing is missed, until another of its name
+/// registers with the master, which then ends this one; where none does, it ends by itself after kAlone.
 #include <ros/ros.h>
+#include <unistd.h>
 
+#include <chrono>
 #include <condition_variable>
 #include <cstdio>
 #include <cstdlib>
@@ -14,6 +19,7 @@
 #include <iostream>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -26,11 +32,14 @@ namespace {
 using namespace cortshift_tracking;
 
 constexpr std::size_t kMostWaiting = std::size_t(512) << 20;  // [bytes] twelve seconds of two cameras at 20 MB/s
+/// The launch starts a node again after half a second; on a busy machine Python takes some seconds more.
+constexpr std::chrono::seconds kAlone(15);
 
 struct Options {
   PartSettings parts;
   std::set<std::string> held;
   std::vector<std::string> topics;
+  std::optional<pid_t> parent;
 };
 
 /// @throws std::invalid_argument naming the word
@@ -58,6 +67,8 @@ Options read(const std::vector<std::string>& words) {
       out.parts.parts = static_cast<std::size_t>(number(word, value));
     else if (word == "--compression" && (value == "lz4" || value == "none"))
       out.parts.lz4 = value == "lz4";
+    else if (word == "--parent")
+      out.parent = static_cast<pid_t>(number(word, value));
     else if (word == "--hold")
       out.held.insert(value);
     else
@@ -118,6 +129,22 @@ class Inbox {
   std::set<std::string> new_;
 };
 
+/// Whether nobody is left for whom to record.
+class Abandonment {
+ public:
+  explicit Abandonment(const std::optional<pid_t>& parent) : parent_(parent) {}
+
+  bool certain() {
+    const auto now = std::chrono::steady_clock::now();
+    if (!parent_ || getppid() == *parent_) with_parent_ = now;
+    return now - with_parent_ > kAlone;
+  }
+
+ private:
+  std::optional<pid_t> parent_;
+  std::chrono::steady_clock::time_point with_parent_ = std::chrono::steady_clock::now();
+};
+
 ros::Subscriber subscribe(ros::NodeHandle& node, const std::string& topic, Inbox& inbox) {
   using Event = ros::MessageEvent<topic_tools::ShapeShifter const>;
   ros::SubscribeOptions options;
@@ -149,7 +176,8 @@ int record(const Options& options) {
       for (const Recorded& message : inbox.take()) recorder.write(message);
       for (const auto& [topic, count] : inbox.newlyLost()) std::cout << "lost " << topic << " " << count << std::endl;
     };
-    while (ros::ok()) writeAll();
+    Abandonment abandonment(options.parent);
+    while (ros::ok() && !abandonment.certain()) writeAll();
     spinner.stop();
     writeAll();
     recorder.close();

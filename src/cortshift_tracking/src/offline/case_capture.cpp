@@ -141,16 +141,16 @@ StageRecord CaseCapture::capture(const PlannedCapture& planned, std::string& rem
   const ros::Time asked = shifted(recording_.begin(), planned.seconds);
   try {
     StageRecord& record = captured.record;
-    const cortshift_stereo::PoseAt pose_at =
-        recording_.posesAround(captured.arrival, parameters_.tracker.max_pose_gap).at;
+    const cortshift_stereo::PoseSource poses =
+        recording_.posesAround(captured.arrival, parameters_.tracker.max_pose_gap);
     if (const auto changed = recording_.registrationChanged(std::max(asked, captured.arrival)))
       requireSettled(record.info.stamp, *changed);
-    if (const auto motion = motionAround(record.info.stamp, pose_at))
+    if (const auto motion = motionAround(record.info.stamp, poses.at))
       requireSlow(*motion, parameters_.tracker.max_speed);
     record.info.key = planned.key;
     record.info.note = planned.note;
     record.parameters = parameters_.configuration();
-    remarks = captured.remarks + completeStage(record, pose_at);
+    remarks = captured.remarks + completeStage(record, poses, parameters_.tracker.shift.surround.pose_latency_sd);
     return record;
   } catch (const std::exception& error) {
     throw TrackingError(refusal(planned) + error.what());

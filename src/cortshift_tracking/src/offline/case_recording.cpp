@@ -336,7 +336,10 @@ cortshift_stereo::PoseSource CaseRecording::posesAround(const ros::Time& arrival
                                                      const ros::Time& stamp) {
     return judgePoses(around(), target, source, stamp, limits);
   };
-  return {at, judge};
+  const auto motion = [=](const std::string& target, const std::string& source, const ros::Time& stamp) {
+    return poseMotion(around(), target, source, stamp);
+  };
+  return {at, judge, motion};
 }
 
 cortshift_stereo::PoseSource CaseRecording::posesWithin(const ros::Time& from, const ros::Time& to,

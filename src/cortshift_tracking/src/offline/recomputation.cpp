@@ -95,7 +95,7 @@ StageRecord remakeStage(const StageRecord& stored, const std::string& parameters
       boost::make_shared<sensor_msgs::PointCloud2>(toPointCloud2(surface.surface_map, stored.surface->header));
   record.parameters = parameters;
   cortshift_stereo::addWarnings(record.info.warnings, surface.warnings);
-  completeStage(record, pose_at);
+  completeStage(record, pose_at, 0);  // one instant says nothing of motion: what was stored stays
   return record;
 }
 

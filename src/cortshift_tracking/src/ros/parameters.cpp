@@ -4,6 +4,8 @@
 #include <vector>
 
 #include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
+#include "cortshift_stereo/calibration/settings/settings_report.hpp"
+#include "cortshift_stereo/calibration/stereo/stereo_report.hpp"
 #include "cortshift_stereo/ros/parameter_reader.hpp"
 #include "cortshift_stereo/ros/parameter_writer.hpp"
 #include "cortshift_tracking/case/case_state.hpp"
@@ -53,7 +55,10 @@ void each(Reader& reader, Parameters& p, Spelt& spelt) {
   reader.choice("surround", spelt.surround, {"off", "check", "correct"});
   reader.number("pose_translation_sd", s.surround.pose_translation_sd, 0.0, 0.01);
   reader.number("pose_rotation_sd", s.surround.pose_rotation_sd, 0.0, 0.1);
+  reader.number("pose_latency_sd", s.surround.pose_latency_sd, 0.0, 1.0);
   reader.choice("hand_eye", p.hand_eye);
+  reader.choice("stereo_report", p.stereo_report);
+  reader.choice("settings_report", p.settings_report);
   reader.flag("own_points", s.with_own_points);
   reader.flag("strain", s.with_strain);
   reader.number("strain_window", s.strain.window, 0.0005, 0.02);
@@ -63,6 +68,35 @@ void each(Reader& reader, Parameters& p, Spelt& spelt) {
 }
 
 }  // namespace
+
+void ShiftTrackerParameters::readResiduals() {
+  const auto from = [](const char* key, const auto& read, const std::string& path) {
+    try {
+      return read(path);
+    } catch (const cortshift_stereo::CalibrationError& error) {
+      throw cortshift_stereo::ParameterError("parameter " + std::string(key) + ": " + error.what());
+    }
+  };
+  SurroundSettings& known = shift.surround;
+  if (!hand_eye.empty()) {
+    const auto deviation = from("hand_eye", cortshift_stereo::readHandEyeDeviation, hand_eye);
+    known.calibration.push_back(
+        {"hand-eye", "residuals of its calibration file", deviation.translation_sd, deviation.rotation_sd, true});
+  }
+  if (stereo_report.empty()) {
+    if (!settings_report.empty())
+      throw cortshift_stereo::ParameterError(
+          "parameter settings_report needs stereo_report, which says how long a pixel of disparity is");
+    return;
+  }
+  const auto stereo = from("stereo_report", cortshift_stereo::readStereoResiduals, stereo_report);
+  const double pixel = 1 / (stereo.focal_length * stereo.baseline);  // of 1 / depth [1/m]
+  known.depths.push_back(
+      {"stereo calibration", "held-out residuals of its report", stereo.focal_deviation, stereo.epipolar_rms * pixel});
+  if (settings_report.empty()) return;
+  const auto zoom = from("settings_report", cortshift_stereo::readSettingsResiduals, settings_report);
+  known.zoom = SettingsError{zoom.reference.magnification, zoom.reference.focal_length, zoom.disparity_rms * pixel};
+}
 
 std::string ShiftTrackerParameters::effective() const {
   Spelt spelt;
@@ -89,15 +123,7 @@ ShiftTrackerParameters ShiftTrackerParameters::load(const cortshift_stereo::Para
   p.shift.surround.mode = spelt.surround == "off"     ? SurroundMode::kOff
                           : spelt.surround == "check" ? SurroundMode::kCheck
                                                       : SurroundMode::kCorrect;
-  if (!p.hand_eye.empty()) {
-    try {
-      const auto deviation = cortshift_stereo::readHandEyeDeviation(p.hand_eye);
-      p.shift.surround.calibration.push_back(
-          {"hand-eye", "residuals of its calibration file", deviation.translation_sd, deviation.rotation_sd, true});
-    } catch (const cortshift_stereo::CalibrationError& error) {
-      throw cortshift_stereo::ParameterError("parameter hand_eye: " + std::string(error.what()));
-    }
-  }
+  p.readResiduals();
   p.shift.setThreads(spelt.threads);
 
   if (!spelt.gravity.empty()) {

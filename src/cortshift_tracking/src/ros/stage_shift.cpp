@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "cortshift_stereo/admission/verdict.hpp"
+#include "cortshift_stereo/calibration/settings/settings_warp.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/case/calibration_identity.hpp"
 #include "cortshift_tracking/case/patient_registration.hpp"
@@ -53,11 +54,16 @@ PairKnowledge knowledgeOf(const cortshift_msgs::StageInfo& from, const cortshift
                                                  std::abs(pose.orientation.y) + std::abs(pose.orientation.z) >
                                              0))
       return std::nullopt;
-    PlacedCamera placed{cortshift_stereo::isometryFromMessage(pose), {}};
-    placed.errors.push_back({"tracker", "configured", settings.pose_translation_sd, settings.pose_rotation_sd, false});
+    PlacedCamera placed{cortshift_stereo::isometryFromMessage(pose), {}, {}};
     for (const cortshift_msgs::PoseError& error : stage.pose_errors)
       placed.errors.push_back(
           {error.source, error.known_from, error.translation_sd, error.rotation_sd, error.common != 0});
+    const cortshift_msgs::MicroscopeSettings& now = stage.settings;
+    if (settings.zoom && settings.zoom->counts(now.magnification, now.focal_length))
+      placed.depths.push_back({"zoom and focus",
+                               "held-out residuals of their calibration, at " +
+                                   cortshift_stereo::describe({now.magnification, now.focal_length}),
+                               0, settings.zoom->disparity_sd});
     return placed;
   };
   return {camera(from), camera(to), brain};

@@ -26,7 +26,55 @@ Matrix6 leverOf(const Eigen::Isometry3d& T_pmr_camera, const Eigen::Vector3d& ce
   return moved(T_pmr_camera.translation(), centre) * turned;
 }
 
+/// Adds to the share of that name.
+void add(std::vector<PoseErrorShare>& shares, const std::string& source, const std::string& known_from,
+         const Matrix6& covariance) {
+  const auto same = std::find_if(shares.begin(), shares.end(), [&](const PoseErrorShare& share) {
+    return share.source == source && share.known_from == known_from;
+  });
+  if (same == shares.end())
+    shares.push_back({source, known_from, covariance});
+  else
+    same->covariance += covariance;
+}
+
+bool holds(const PlacedCamera& camera, const DepthErrorSource& source) {
+  return std::any_of(camera.depths.begin(), camera.depths.end(), [&](const DepthErrorSource& other) {
+    return other.source == source.source && other.known_from == source.known_from;
+  });
+}
+
+/// Where unit errors of the scale and of 1 / depth move what lies at the centre.
+struct DepthLever {
+  Eigen::Vector3d scale = Eigen::Vector3d::Zero(), disparity = Eigen::Vector3d::Zero();
+};
+
+DepthLever depthLever(const PlacedCamera& camera, const Eigen::Vector3d& centre) {
+  const Eigen::Vector3d axis = camera.T_pmr_camera.linear().col(2);
+  const double depth = (centre - camera.T_pmr_camera.translation()).dot(axis);
+  return {depth * axis, depth * depth * axis};
+}
+
+Matrix6 covarianceOf(const DepthErrorSource& source, const DepthLever& lever) {
+  const Eigen::Vector3d scale = source.scale_sd * lever.scale, disparity = source.disparity_sd * lever.disparity;
+  Matrix6 covariance = Matrix6::Zero();
+  covariance.topLeftCorner<3, 3>() = scale * scale.transpose() + disparity * disparity.transpose();
+  return covariance;
+}
+
 }  // namespace
+
+PoseErrorSource trackerBeside(const std::vector<PoseErrorSource>& errors, double translation_sd, double rotation_sd) {
+  PoseErrorSource tracker{kTracker, "configured", translation_sd, rotation_sd, false};
+  for (const PoseErrorSource& error : errors) {
+    if (error.source != kTremble) continue;
+    const auto rest = [](double all, double part) { return std::sqrt(std::max(0.0, all * all - part * part)); };
+    tracker.known_from = "configured, without its tremble";
+    tracker.translation_sd = rest(tracker.translation_sd, error.translation_sd);
+    tracker.rotation_sd = rest(tracker.rotation_sd, error.rotation_sd);
+  }
+  return tracker;
+}
 
 Eigen::Vector3d motionAt(const Vector6& motion, const Eigen::Vector3d& centre, const Eigen::Vector3d& point) {
   return motion.head<3>() + motion.tail<3>().cross(point - centre);
@@ -71,14 +119,16 @@ std::vector<PoseErrorShare> poseErrorShares(const PlacedCamera& earlier, const P
       const Matrix6 covariance =
           source.common ? covarianceOf(source, earlier.T_pmr_camera, later.T_pmr_camera, centre)
                         : Matrix6(covarianceOf(source, camera->T_pmr_camera, camera->T_pmr_camera, centre) / 2);
-      const auto same = std::find_if(shares.begin(), shares.end(), [&](const PoseErrorShare& share) {
-        return share.source == source.source && share.known_from == source.known_from;
-      });
-      if (same == shares.end())
-        shares.push_back({source.source, source.known_from, covariance});
-      else
-        same->covariance += covariance;
+      add(shares, source.source, source.known_from, covariance);
     }
+  const DepthLever first = depthLever(earlier, centre), second = depthLever(later, centre);
+  for (const DepthErrorSource& source : earlier.depths)
+    if (!holds(later, source)) add(shares, source.source, source.known_from, covarianceOf(source, first));
+  for (const DepthErrorSource& source : later.depths) {
+    const DepthLever between =
+        holds(earlier, source) ? DepthLever{second.scale - first.scale, second.disparity - first.disparity} : second;
+    add(shares, source.source, source.known_from, covarianceOf(source, between));
+  }
   return shares;
 }
 

@@ -37,9 +37,10 @@ PlacedCamera placed(const std::optional<PlacedCamera>& camera, const Displacemen
     out.T_pmr_camera = field.frame.T_pmr_projection;
     out.T_pmr_camera.translation() = centre + kWorkingDistance * field.frame.normal_pmr();
   }
-  if (std::none_of(out.errors.begin(), out.errors.end(), [](const PoseErrorSource& e) { return !e.common; }))
-    out.errors.push_back({"tracker", "configured", settings.pose_translation_sd, settings.pose_rotation_sd, false});
+  if (std::none_of(out.errors.begin(), out.errors.end(), [](const PoseErrorSource& e) { return e.source == kTracker; }))
+    out.errors.push_back(trackerBeside(out.errors, settings.pose_translation_sd, settings.pose_rotation_sd));
   out.errors.insert(out.errors.end(), settings.calibration.begin(), settings.calibration.end());
+  out.depths.insert(out.depths.end(), settings.depths.begin(), settings.depths.end());
   return out;
 }
 
@@ -90,9 +91,15 @@ std::optional<RigidFit> otherPart(const std::vector<MovedPiece>& pieces, const R
 
 }  // namespace
 
+bool SettingsError::counts(double at_magnification, double at_focal_length) const {
+  constexpr double kSame = 0.005;  // relative, as the reconstruction's settings_tolerance
+  return std::abs(at_magnification / magnification - 1) > kSame || std::abs(at_focal_length / focal_length - 1) > kSame;
+}
+
 void SurroundSettings::validate() const {
   cortshift_flow::requireRange<TrackingError>("pose_translation_sd", pose_translation_sd, 0.0, 0.01);
   cortshift_flow::requireRange<TrackingError>("pose_rotation_sd", pose_rotation_sd, 0.0, 0.1);
+  cortshift_flow::requireRange<TrackingError>("pose_latency_sd", pose_latency_sd, 0.0, 1.0);
 }
 
 Surround assessSurround(const DisplacementField& field, const PairKnowledge& knowledge,

@@ -1,20 +1,20 @@
 #include "cortshift_tracking/surround/uncertainty.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <opencv2/imgproc.hpp>
+
+#include "cortshift_flow/flow.hpp"
+#include "cortshift_stereo/refinement/refinement.hpp"
+#include "matching/flow_targets.hpp"
 
 namespace cortshift_tracking {
 namespace {
 
-// [m] of a right vector: of a normal error 95 % are within 2.8 standard deviations of one of three coordinates, and a
-// right vector is right to 0.25 mm. Where the surround shows how much single vectors scatter, that counts.
-constexpr double kRight = 0.00025 / 2.8 * 1.732;
-constexpr double kWrong = 0.0005;  // [m] of a wrong one: it is wrong from 0.25 mm on, and a few are by millimetres
-
-double ownVariance(double confidence, const Surround& surround) {
-  const double right = surround.vector_sd > 0 ? surround.vector_sd : kRight;
-  return confidence * right * right + (1 - confidence) * kWrong * kWrong;
-}
+constexpr double kWorkingDistance = 0.3;  // [m] of a surgical microscope, where the camera's place is not known
+constexpr double kBaseline = 0.025;       // [m] of its stereo head
+constexpr double kMost = 0.01;            // [m] the search for a match does not reach further
 
 bool isVector(const DisplacementField& field, int row, int column) {
   return !std::isnan(field.displacement_pmr.at<cv::Vec3f>(row, column)[0]);
@@ -27,26 +27,54 @@ Eigen::Vector3d startAt(const DisplacementField& field, int row, int column) {
 
 }  // namespace
 
-cv::Mat uncertaintyOf(const DisplacementField& field, const Surround& surround) {
+double pixelOfDisparity(const Projection& projection, double spacing, const ProjectionFrame& frame,
+                        const std::optional<PlacedCamera>& camera) {
+  double distance = kWorkingDistance;
+  if (camera) {
+    const Eigen::Vector3d middle(frame.resolution * frame.size.width / 2, frame.resolution * frame.size.height / 2,
+                                 cv::mean(projection.height, projection.mask)[0]);
+    distance = (frame.T_pmr_projection * middle - camera->T_pmr_camera.translation()).norm();
+  }
+  return spacing * distance / kBaseline;
+}
+
+cv::Mat ownErrorsOf(const Measured& measured) {
+  const cv::Mat map = flowTargets(measured.flow);
+  cv::Mat later;
+  cv::remap(measured.later.confidence, later, map, {}, cv::INTER_LINEAR, cv::BORDER_CONSTANT, 0);
+  cv::Mat own(map.size(), CV_32FC1);
+  for (int row = 0; row < own.rows; ++row)
+    for (int column = 0; column < own.cols; ++column) {
+      const double first = measured.earlier_pixel *
+                           cortshift_stereo::deviationOf(measured.earlier.confidence.at<float>(row, column)),
+                   second = measured.later_pixel * cortshift_stereo::deviationOf(later.at<float>(row, column)),
+                   match = measured.earlier.resolution *
+                           cortshift_flow::predictedError(measured.flow_confidence.at<float>(row, column));
+      own.at<float>(row, column) =
+          static_cast<float>(std::min(kMost, std::sqrt(first * first + second * second + match * match)));
+    }
+  return own;
+}
+
+cv::Mat uncertaintyOf(const DisplacementField& field, const cv::Mat& own, const Surround& surround) {
   cv::Mat uncertainty(field.displacement_pmr.size(), CV_32FC1, cv::Scalar(std::numeric_limits<float>::quiet_NaN()));
   for (int row = 0; row < uncertainty.rows; ++row)
     for (int column = 0; column < uncertainty.cols; ++column) {
       if (!isVector(field, row, column)) continue;
       const double common = sdAt(surround.covariance, surround.centre, startAt(field, row, column));
-      uncertainty.at<float>(row, column) = static_cast<float>(
-          std::sqrt(ownVariance(field.confidence.at<float>(row, column), surround) + common * common));
+      uncertainty.at<float>(row, column) = static_cast<float>(std::hypot(own.at<float>(row, column), common));
     }
   return uncertainty;
 }
 
-void addBudget(Summary& summary, const DisplacementField& field, const Surround& surround) {
+void addBudget(Summary& summary, const DisplacementField& field, const cv::Mat& own, const Surround& surround) {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-  double own = 0, count = 0;
+  double squares = 0, count = 0;
   for (int row = 0; row < field.displacement_pmr.rows; ++row)
     for (int column = 0; column < field.displacement_pmr.cols; ++column) {
       if (!isVector(field, row, column) || (!field.brain.empty() && field.brain.at<uchar>(row, column) == 0)) continue;
       centre += startAt(field, row, column);
-      own += ownVariance(field.confidence.at<float>(row, column), surround);
+      squares += std::pow(own.at<float>(row, column), 2);
       ++count;
     }
   if (count == 0) return;
@@ -59,9 +87,8 @@ void addBudget(Summary& summary, const DisplacementField& field, const Surround&
   if (replaced)
     summary.budget.push_back(
         {"what the surround leaves of these", "measured on what does not move", summary.common_sd});
-  summary.budget.push_back({"match and heights",
-                            surround.vector_sd > 0 ? "measured on what does not move, and confidence" : "confidence",
-                            std::sqrt(own / count)});
+  summary.budget.push_back(
+      {"match and heights", "expected by image matching and reconstruction", std::sqrt(squares / count)});
 }
 
 }  // namespace cortshift_tracking

@@ -1,8 +1,10 @@
-"""A synthetic cohort of twelve through script/cohort: two cases that fail alone, a kill in the middle, the table."""
+"""A synthetic cohort of twelve through script/cohort: two cases that fail alone, a kill in the middle, the table; on cores and
+through Slurm."""
 import csv
 import json
 import math
 import os
+import re
 import shutil
 import signal
 import statistics
@@ -16,6 +18,7 @@ from cortshift_tracking.cohort.sheet import read_sheet
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.report.tables import TABLE_3_HEADER
 from offline_tools import ROOT, run_tool
+from slurm import Slurm
 
 COHORT = str(ROOT / 'script/cohort')
 SETTINGS = ('--config', 'settings=' + cases.CONFIG)
@@ -53,8 +56,25 @@ def results_in(output):
     return sorted(name[:-5] for name in os.listdir(folder) if name.endswith('.json')) if os.path.isdir(folder) else []
 
 
-def test_cohort(sheet, tmp_path):
-    output = str(tmp_path / 'out')
+def written(output):
+    """{case: its result, and which file that is}. Snakemake touches what is finished, so that the time says nothing."""
+    found = {}
+    for name in results_in(output):
+        path = os.path.join(output, 'results', name + '.json')
+        with open(path, encoding='utf-8') as file:
+            found[name] = os.stat(path).st_ino, file.read()
+    return found
+
+
+def table_of(output):
+    with open(os.path.join(output, 'cohort.csv'), encoding='utf-8', newline='') as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope='module')
+def on_cores(sheet, tmp_path_factory):
+    """Folder, results of before and what was said of a run that was killed and called again."""
+    output = str(tmp_path_factory.mktemp('cores') / 'out')
     first = subprocess.Popen([COHORT, sheet, output, *SETTINGS, '--cores', '2'], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
                              start_new_session=True)
     while len(results_in(output)) < 5 and first.poll() is None:
@@ -62,22 +82,22 @@ def test_cohort(sheet, tmp_path):
     assert first.poll() is None, 'it ended before it could be killed'
     os.killpg(first.pid, signal.SIGKILL)
     first.wait()
-    finished = results_in(output)
-    assert 5 <= len(finished) < 12 and not os.path.exists(os.path.join(output, 'cohort.csv'))
-    times = {name: os.stat(os.path.join(output, 'results', name + '.json')).st_mtime_ns for name in finished}
-
+    before = written(output)
+    assert 5 <= len(before) < 12 and not os.path.exists(os.path.join(output, 'cohort.csv'))
     second = run(sheet, output, '--cores', '2')
     assert second.returncode == 0, second.stdout
-    assert len(results_in(output)) == 12
-    for name, stamp in times.items():   # not done again
-        assert os.stat(os.path.join(output, 'results', name + '.json')).st_mtime_ns == stamp
+    return output, before, second.stdout
+
+
+def test_cohort(on_cores):
+    output, before, said = on_cores
+    assert len(results_in(output)) == 12 and before.items() <= written(output).items()   # not done again
     assert sorted(name for name in os.listdir(os.path.join(output, 'cases'))) == GOOD
     for name in GOOD:
         assert os.path.getsize(os.path.join(output, 'cases', name, 'report.html')) > 100000
-    assert '10 of 12 cases processed' in second.stdout and 'cut failed' in second.stdout and 'moved failed' in second.stdout
+    assert '10 of 12 cases processed' in said and 'cut failed' in said and 'moved failed' in said
 
-    with open(os.path.join(output, 'cohort.csv'), encoding='utf-8', newline='') as file:
-        rows = list(csv.DictReader(file))
+    rows = table_of(output)
     by_case = {row['case']: row for row in rows}
     assert len(rows) == 14 and all(by_case[name]['status'] == 'done' for name in GOOD)
     assert 'was not captured' in by_case['cut']['reason'] and by_case['cut']['status'] == 'failed'
@@ -93,7 +113,49 @@ def test_cohort(sheet, tmp_path):
         page = file.read()
     assert '10 processed, 2 failed: cut, moved' in page and page.count('data:image/png') == 2
 
-    # Nothing to do: nothing is done. One line changed: that case alone, and the table.
+
+
+def kill_in_the_middle(slurm, output, cohort):
+    """Kill the node while it works and some results are there. Returns those results."""
+    while True:
+        while len(results_in(output)) < 3 and cohort.poll() is None:
+            time.sleep(0.05)
+        assert cohort.poll() is None and len(results_in(output)) < 12, 'it ended before the node could be killed'
+        slurm.signal_jobs(signal.SIGSTOP)   # what is written now stays so
+        before, running = written(output), slurm.running_jobs()
+        if any(job.startswith('cohort-') and job[len('cohort-'):] not in before for job in running):
+            slurm.fail_node()
+            return before
+        slurm.signal_jobs(signal.SIGCONT)
+
+
+def test_slurm(sheet, on_cores, tmp_path):
+    """The node's power fails while it works: the same table as on cores, and nothing finished is done again."""
+    output = str(tmp_path / 'out')
+    with Slurm() as slurm, open(tmp_path / 'said', 'w', encoding='utf-8') as file:
+        cohort = subprocess.Popen([COHORT, sheet, output, *SETTINGS, '--profile', 'slurm'], stdout=file, stderr=subprocess.STDOUT,
+                                  env=dict(slurm.environment, CI='true'))   # for CI Snakemake asks each second, not every ten
+        try:
+            before = kill_in_the_middle(slurm, output, cohort)
+            slurm.start_node()
+            status = cohort.wait()
+        finally:
+            cohort.kill()
+            cohort.wait()
+        restarts = slurm.ask('scontrol', '--oneliner', 'show', 'jobs')
+    said = (tmp_path / 'said').read_text()
+    assert status == 0 and '10 of 12 cases processed' in said, said
+    assert 3 <= len(before) < 12 and before.items() <= written(output).items()   # not done again
+    assert re.search('Restarts=[1-9]', restarts), restarts   # what was lost is done by Slurm's queue, not by another submission
+    assert said.count('Submitted job') == 12
+
+    def without_cost(rows):
+        return [{name: value for name, value in row.items() if not re.search('seconds|memory|time', name)} for row in rows]
+    assert without_cost(table_of(output)) == without_cost(table_of(on_cores[0]))
+
+
+def test_one_changed_line_is_one_case_done_again(sheet, on_cores):
+    output, before, _ = on_cores
     third = run(sheet, output)
     assert third.returncode == 0 and 'Nothing to be done' in third.stdout
     with open(sheet, encoding='utf-8') as file:
@@ -102,9 +164,7 @@ def test_cohort(sheet, tmp_path):
         file.write(changed)
     fourth = run(sheet, output)
     assert fourth.returncode == 0 and '11 of 12 cases processed' in fourth.stdout, fourth.stdout
-    for name, stamp in times.items():
-        if name != 'cut':
-            assert os.stat(os.path.join(output, 'results', name + '.json')).st_mtime_ns == stamp
+    assert {name: result for name, result in before.items() if name != 'cut'}.items() <= written(output).items()
 
 
 def test_memory_is_bounded(sheet, tmp_path):

@@ -5,11 +5,18 @@ import sys
 import tempfile
 import time
 import unittest
+from types import SimpleNamespace
 
+import nibabel
 import numpy as np
 import rospy
 import rostest
 import vtk
+from cortshift_msgs.msg import UpdatedMr
+from cortshift_tracking.model.message import updated_mr_message
+from cortshift_tracking.model.structures import Structure, border_of_label
+from cortshift_tracking.mr.reader import save_nifti
+from cortshift_tracking.mr.volume import Volume
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import Image, PointField
 from vtk.util.numpy_support import vtk_to_numpy
@@ -111,6 +118,46 @@ class IgtlField(BridgeTest, unittest.TestCase):
         self.assertEqual(data.GetNumberOfPolys(), whole.sum())
         self.assertIn('SPACE=LPS', reader.GetHeader())
         self.assertIn(f'by 0.1-2-gabc with parameters {8 * "c"}, calibration {8 * "d"}; 1 WARNINGS', reader.GetHeader())
+
+    def test_updated_mr_arrives_as_its_nifti_says(self):
+        """Oblique and left-handed, in the axes of the link (LPS); and the tumour where it is now."""
+        random_numbers = np.random.default_rng(8)
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = rotation([1, 2, 3], 0.4) @ np.diag([-0.0008, 0.0009, 0.0012]), [0.07, -0.02, 0.01]
+        mr = Volume(random_numbers.normal(100, 30, (21, 17, 9)).astype(np.float32), T)
+        inside = np.zeros(mr.data.shape, np.float32)
+        inside[6:14, 5:11, 2:7] = 1
+        was, quads = border_of_label(Volume(inside, T))
+        now = was + random_numbers.normal(0, 0.002, was.shape)
+        path = os.path.join(self.folder.name, 'updated.nii.gz')
+        save_nifti(mr, path)
+        made = updated_mr_message(mr, [Structure('tumour', was, now, np.zeros(len(was)), quads)],
+                                  SimpleNamespace(from_key='pmr', to_key='after', to_stamp=1700000000.5))
+        publisher = rospy.Publisher('/brain_model/updated_mr', UpdatedMr, queue_size=1, latch=True)
+        publisher.publish(made)
+        received = self.client.expect('UpdatedMr')
+        written = nibabel.load(path)
+        self.assertEqual(received.axes, 'lps')
+        self.assertAlmostEqual(received.stamp, 1700000000.5, places=5)
+        np.testing.assert_array_equal(received.pixels[..., 0].transpose(2, 1, 0), np.asarray(written.dataobj))
+        corners = np.stack(np.meshgrid([0, 20], [0, 16], [0, 8], indexing='ij'), -1).reshape(-1, 3)
+        self.assertLess(np.abs(apply(received.T_world_ijk, corners) - apply(written.affine, corners) @ LPS_OF_RAS).max(), 0.0001)
+
+        tumour = self.client.expect('Now_tumour')
+        self.assertLess(np.abs(tumour.points - 1000 * now @ LPS_OF_RAS).max(), MICROMETRE)
+        self.assertLess(np.abs(tumour.attributes['displacement'] - 1000 * (now - was) @ LPS_OF_RAS).max(), MICROMETRE)
+        np.testing.assert_array_equal(tumour.polygons, quads)
+
+        said = []
+        log = rospy.Subscriber('/rosout', Log, lambda message: said.append(message.msg))
+        wait_until(lambda: log.get_num_connections() >= 2, 20, 'the log of the bridge')   # our own is one
+        made.labels[0].quads[5] = len(was)   # a corner that is not there
+        made.header.stamp += rospy.Duration(1)
+        publisher.publish(made)
+        wait_until(lambda: any("label 'tumour' has a quad at a corner that is not there" in text for text in said), 20, 'its refusal')
+        good = updated_mr_message(mr, [], SimpleNamespace(from_key='pmr', to_key='after', to_stamp=1700000002.0))
+        publisher.publish(good)
+        self.client.expect('UpdatedMr', since=1700000002.0)
 
     def test_late_client_gets_the_last_field(self):
         points = np.zeros((2, 2, 3))

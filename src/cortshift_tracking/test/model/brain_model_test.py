@@ -1,17 +1,20 @@
 #!/usr/bin/python3
-"""The node brain_model beside a shift_tracker that is played: updates, answers where points are now, and refuses with its reason."""
+"""The node brain_model in a namespace, beside a shift_tracker that is played: updates, draws, answers where points are now, and refuses with its reason."""
 import os
 import subprocess
 import sys
 import tempfile
 import unittest
 
+import cv2
 import numpy as np
+import rosbag
 import rospy
 import rostest
-from cortshift_msgs.msg import DisplacementField, ShiftSummary, StageInfo
+from cortshift_msgs.msg import DisplacementField, ShiftSummary, StageInfo, UpdatedMr
 from cortshift_msgs.srv import ListStages, ListStagesResponse, Locate, UpdateModel
 from geometry_msgs.msg import Point
+from sensor_msgs.msg import CameraInfo, Image
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [os.path.join(HERE, '..', 'support'), os.path.join(HERE, '..', 'support', 'mr')]
@@ -21,8 +24,13 @@ from cortshift_tracking.case.messages import Field  # noqa: E402
 from cortshift_tracking.model.brain import save_model  # noqa: E402
 from cortshift_tracking.model.prepare import ModelSettings, prepare_model  # noqa: E402
 from cortshift_tracking.mr.reader import load_volume, save_nifti  # noqa: E402
+from cortshift_tracking.poses import pose_message  # noqa: E402
 from graph import wait_until  # noqa: E402
+from scipy.spatial.transform import Rotation  # noqa: E402
+from synthetic_case import cloud, packed  # noqa: E402
 
+NS = '/or1'    # everything of the graph lies in it
+SIZE, FOCAL = (480, 640), 1800.0   # of the stage's picture [px]
 KEYS = {'first': 1, 'second': 1, 'third': 2}   # stage to epoch
 
 
@@ -35,26 +43,49 @@ class BrainModelTest(unittest.TestCase):
         mr, brain, tumour = head.volumes(step=0.003)
         save_nifti(mr, path)
         points, frame = head.surface_grid()
+        cls.frame = frame
         model = prepare_model(load_volume(path), brain, head.CRANIOTOMY, points[np.isfinite(points[..., 0])], {'tumour': tumour},
                               ModelSettings(elements=6000, samples=16), provenance={'epoch': 1})
         save_model(model, os.path.join(cls.folder.name, 'model.npz'))
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = frame, head.CRANIOTOMY
         cls.points, cls.moved = points, head.sag(points)
-        rospy.Service('/shift_tracker/list_stages', ListStages,
+        cls.write_stage('second')
+        rospy.Service(f'{NS}/shift_tracker/list_stages', ListStages,
                       lambda _: ListStagesResponse([StageInfo(key=key, epoch=epoch) for key, epoch in KEYS.items()]))
-        cls.publisher = rospy.Publisher('/shift/field', DisplacementField, queue_size=5)
+        cls.publisher = rospy.Publisher(f'{NS}/shift/field', DisplacementField, queue_size=5)
         cls.node = subprocess.Popen([sys.executable, os.path.join(HERE, '..', '..', 'scripts', 'brain_model'), f'_case:={cls.folder.name}',
-                                     f'_model:={cls.folder.name}/model.npz', f'_gravity:={(-head.OUTWARD).tolist()}'])
-        rospy.wait_for_service('/brain_model/update', timeout=120)
-        cls.update = rospy.ServiceProxy('/brain_model/update', UpdateModel)
-        cls.locate = rospy.ServiceProxy('/brain_model/locate', Locate)
-        wait_until(lambda: cls.publisher.get_num_connections() > 0, 60, 'a connection of the node to /shift/field')
+                                     f'_model:={cls.folder.name}/model.npz', f'_gravity:={(-head.OUTWARD).tolist()}'],
+                                    env={**os.environ, 'ROS_NAMESPACE': NS})
+        rospy.wait_for_service(f'{NS}/brain_model/update', timeout=120)
+        cls.update = rospy.ServiceProxy(f'{NS}/brain_model/update', UpdateModel)
+        cls.locate = rospy.ServiceProxy(f'{NS}/brain_model/locate', Locate)
+        wait_until(lambda: cls.publisher.get_num_connections() > 0, 60, 'a connection of the node to shift/field')
         for to_key in ('second', 'third'):
+            summary = ShiftSummary(from_key='first', to_key=to_key)
+            summary.surround_correction.pose.orientation.w = 1.0   # none was taken out
             valid = np.isfinite(points[..., 0])
             field = Field('first', to_key, 1.0, 2.0, T, 0.0005, points, cls.moved, np.full(points.shape, 128, np.uint8),
                           np.where(valid, 0.9, np.nan), None)
-            cls.publisher.publish(to_message(field, ShiftSummary(from_key='first', to_key=to_key)))
+            cls.publisher.publish(to_message(field, summary))
+
+    @classmethod
+    def write_stage(cls, key):
+        """A stage that looks at the tumour from 0.3 m, aslant, so that sagging shows; its picture is grey."""
+        T = np.eye(4)
+        T[:3, :3] = cls.frame @ Rotation.from_rotvec([0.6, 0, 0]).as_matrix() @ np.diag([1, -1, -1])
+        T[:3, 3] = head.TUMOUR - 0.3 * T[:3, 2]
+        cls.T_left_pmr = np.linalg.inv(T)
+        rows, columns = SIZE
+        stamp = rospy.Time(2)
+        header = rospy.Header(frame_id='pmr', stamp=stamp)
+        grid = np.zeros((rows, columns, 3), np.float32) + head.CRANIOTOMY
+        info = CameraInfo(width=columns, height=rows, R=list(np.eye(3).ravel()), P=[FOCAL, 0, columns / 2, 0, 0, FOCAL, rows / 2, 0, 0, 0, 1, 0])
+        info.header.frame_id = 'left_optical'
+        with rosbag.Bag(os.path.join(cls.folder.name, f'{key}.bag'), 'w') as bag:
+            bag.write('/stage/info', StageInfo(key=key, stamp=stamp, epoch=1, camera_pose=pose_message(T)), stamp)
+            bag.write('/surface/points', cloud(header, **dict(zip('xyz', np.moveaxis(grid, -1, 0))), rgb=packed(np.full(SIZE, 0.4))), stamp)
+            bag.write('/stereo/left/camera_info', info, stamp)
 
     @classmethod
     def tearDownClass(cls):
@@ -81,6 +112,7 @@ class BrainModelTest(unittest.TestCase):
         answer = self.updated('second')
         self.assertTrue(answer.success, answer.message)
         self.assertIn('the field begins at stage "first"', answer.message)
+        self.assertNotIn('no overlay', answer.message)
         files = os.listdir(os.path.join(self.folder.name, 'brain_model', 'first__second'))
         self.assertIn('updated_mr.nii.gz', files)
         valid = np.isfinite(self.points[..., 0])
@@ -93,6 +125,30 @@ class BrainModelTest(unittest.TestCase):
         error = np.linalg.norm(now - start - moved, axis=1)[known[:-1]]
         self.assertGreater(known[:-1].mean(), 0.95)
         self.assertLess(np.median(error), 0.0002)
+
+    def test_5_the_tumour_is_drawn_where_it_was_and_is(self):
+        image = rospy.wait_for_message(f'{NS}/brain_model/overlay', Image, 30)   # latched
+        self.assertEqual((image.encoding, image.header.frame_id, image.header.stamp), ('bgr8', 'left_optical', rospy.Time(2)))
+        picture = np.frombuffer(image.data, np.uint8).reshape(*SIZE, 3)
+        kept = cv2.imread(os.path.join(self.folder.name, 'brain_model', 'first__second', 'overlay.png'))
+        np.testing.assert_array_equal(kept, picture)
+        now = self.locate([Point(*head.TUMOUR)]).now[0]
+        for middle, colour in ((head.TUMOUR, (60, 60, 255)), (np.array([now.x, now.y, now.z]), (60, 220, 60))):
+            seen = self.T_left_pmr[:3, :3] @ middle + self.T_left_pmr[:3, 3]
+            rows, columns = np.nonzero((picture[:SIZE[0] * 9 // 10] == colour).all(-1))
+            found = np.array([np.ptp(columns), np.ptp(rows)]) / 2 * seen[2] / FOCAL
+            self.assertLess(np.abs(found - head.TUMOUR_RADIUS).max(), 0.0015, found)   # voxels of 3 mm
+            centre = np.array([columns.min() + columns.max(), rows.min() + rows.max()]) / 2
+            self.assertLess(np.abs(centre - FOCAL * seen[:2] / seen[2] - np.array(SIZE[::-1]) / 2).max(), 4)
+
+    def test_6_the_update_goes_to_the_link(self):
+        message = rospy.wait_for_message(f'{NS}/brain_model/updated_mr', UpdatedMr, 30)   # latched
+        volume = load_volume(os.path.join(self.folder.name, 'brain_model', 'first__second', 'updated_mr.nii.gz'))
+        self.assertEqual((message.from_key, message.to_key, message.header.frame_id), ('first', 'second', 'pmr'))
+        self.assertEqual([label.name for label in message.labels], ['tumour'])
+        np.testing.assert_allclose(np.reshape(message.T_pmr_voxel, (4, 4)), volume.T_pmr_voxel, atol=1e-7)
+        voxels = np.stack([np.frombuffer(s.data, '<f4').reshape(s.height, s.width).T for s in message.slices], -1)
+        np.testing.assert_array_equal(voxels, volume.data)
 
     def updated(self, to_key):
         """The answer to ~update once the field has come to the node."""

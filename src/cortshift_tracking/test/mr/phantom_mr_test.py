@@ -4,14 +4,18 @@ import subprocess
 import numpy as np
 import pytest
 import rosbag
+import yaml
 from cortshift_tracking.case.field_bag import summarise, write_field
 from cortshift_tracking.case.messages import field_from_message
 from cortshift_tracking.errors import VolumeError
 from cortshift_tracking.mr.cortex import CortexSurface, distances_to_cortex, extract_cortex
 from cortshift_tracking.mr.cross_section import cut
+from cortshift_tracking.mr.reader import load_volume
 from cortshift_tracking.mr.registration import register_to_mr
 from cortshift_tracking.mr.volume import Volume
-from phantom_mr import CASE, Section, ShiftError, another_head, describe, inside_rim, phantom_mr, reconstructed
+from phantom_mr import CASE, Section, ShiftError, another_head, describe, inside_rim, phantom_mr, reconstructed, tool
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
 SECTION_BAR = 0.0003  # [m]
 
@@ -72,6 +76,21 @@ def test_known_shift_against_the_mr_is_recovered(folder, stages, tmp_path):
     assert found.largest_mm > 4.5
     assert np.median(found.error_mm) <= 0.5 and found.covered >= 0.7
     assert found.outside < 0.03  # bone is not taken for brain
+
+
+def test_the_tumour_is_where_its_labels_say(tmp_path):
+    for name, more in (('with', ('--tumour', tmp_path / 'tumour.nii')), ('without', ())):
+        tool('phantom_mr', CASE, tmp_path / f'{name}.nii', '--voxel', 1, '--side', 80, *more)
+    seen, plain, labels = (load_volume(str(tmp_path / f'{name}.nii')) for name in ('with', 'without', 'tumour'))
+    inside = labels.data > 0.5
+    outside = ~ndimage.binary_dilation(inside, iterations=2)
+    with open(CASE, encoding='utf-8') as file:
+        place = yaml.safe_load(file)['brain_in_pmr']
+    middle = np.array(place['translation']) - 0.024 * Rotation.from_euler('xyz', place['rpy']).apply([0, 0, 1])
+    assert np.linalg.norm(labels.to_pmr(np.argwhere(inside)).mean(0) - middle) < 0.0001
+    assert inside.sum() * 1e-9 == pytest.approx(4 / 3 * np.pi * 0.010 ** 3, rel=0.02)
+    assert np.array_equal(seen.data[outside], plain.data[outside])
+    assert np.median(seen.data[ndimage.binary_erosion(inside, iterations=4)]) == pytest.approx(60, abs=1)
 
 
 def test_distance_to_the_cortex_is_that_of_geometry():

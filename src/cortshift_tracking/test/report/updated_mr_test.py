@@ -2,6 +2,7 @@
 import json
 import re
 
+import cv2
 import nibabel
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ SIZE, STEP = 60, 2.7   # of the MR: voxels a side, mm
 SUMMARY = {'from_key': 'dural_opening', 'to_key': 'after_resection', 'residual_at_surface_mm': 0.12, 'largest_displacement_mm': 7.5,
            'labels': {'tumour': {'value': 1, 'centre_shift_mm': 4.2, 'centre_sd_mm': 0.6, 'border_shift_mm': 4.4, 'border_sd_mm': None}},
            'warnings': ['gravity is <not> known']}
+TUMOUR = synthetic.T_PMR_PATCH[:3, 3] - 0.02 * synthetic.T_PMR_PATCH[:3, 2]   # where it is now
 UPDATE = 'brain_model/dural_opening__after_resection'
 
 
@@ -41,6 +43,7 @@ def made(tmp_path_factory):
     update.mkdir(parents=True)
     (update / 'summary.json').write_text(json.dumps(SUMMARY))
     save(update / 'updated_mr.nii.gz', 100 * np.roll(inside, -2, axis=2), low)
+    save(update / 'labels_now.nii.gz', 1.0 * (np.linalg.norm(grid / 1000 - TUMOUR, axis=-1) < 0.008), low)
     return folder, low
 
 
@@ -64,6 +67,13 @@ def test_it_is_in_the_report(made, known):
     assert page.count('alt="MR before and after dural_opening \u2192 after_resection"') == 1
 
 
+def test_it_is_found_where_the_case_lies_in_the_folder(made, tmp_path):
+    (tmp_path / 'case').symlink_to(made[0])
+    left_out = []
+    update, = updated_mr.read_updates(str(tmp_path), left_out)
+    assert update.summary == SUMMARY and not left_out
+
+
 def test_table_and_warnings(made, known):
     page, left_out = shown(made[0], known)
     assert re.search('<td>tumour</td><td class=n>4.20 \u00b1 0.60</td><td class=n>4.40</td>', page), page[:800]
@@ -80,6 +90,22 @@ def test_the_difference_is_where_the_brain_has_sunk(made, known, monkeypatch):
         before, now, difference = (panel.images[0].get_array() for panel in figure.axes[3 * row:3 * row + 3])
         np.testing.assert_allclose(difference, now - before, atol=1e-6)
         assert difference.min() < -50 and abs(before).max() == pytest.approx(100, abs=1)
+        # The tumour's outline, in the plane through it.
+        outline = np.concatenate([line for collection in figure.axes[3 * row + 1].collections for path in collection.get_paths()
+                                  for line in [path.vertices]])
+        away = np.linalg.norm(outline / 1000 - outline.mean(0) / 1000, axis=1)
+        assert len(outline) > 20 and 0.0065 < away.min() and away.max() < 0.0095
+
+
+def test_the_outlines_are_shown_and_a_damaged_picture_is_named(known, tmp_path):
+    (tmp_path / UPDATE).mkdir(parents=True)
+    (tmp_path / UPDATE / 'summary.json').write_text(json.dumps(SUMMARY))
+    overlay = tmp_path / UPDATE / 'overlay.png'
+    for content, there in ((cv2.imencode('.png', np.full((9, 9, 3), 80, np.uint8))[1].tobytes(), True), (b'', False), (b'no picture', False)):
+        overlay.write_bytes(content)
+        page, left_out = shown(tmp_path, known)
+        assert ('alt="outlines at after_resection"' in page) == there
+        assert (f'{overlay}: is damaged; run update_mr again' in left_out) == (not there)
 
 
 @pytest.mark.parametrize('content, why', [('{', 'is damaged or cannot be read; run update_mr again'),

@@ -155,16 +155,16 @@ class CommandReply(Command):
 
 
 class Image(Message):
-    """pixels: (slices, rows, columns, channels) uint8; axes: 'ras' or 'lps'; T_world_ijk: of pixel (column, row, slice) [mm]."""
+    """pixels: (slices, rows, columns, channels) uint8 or float32; axes: 'ras' or 'lps'; T_world_ijk: of pixel (column, row, slice) [mm]."""
     kind = 'IMAGE'
 
     def read(self, content):
-        _, channels, scalars, _, axes, *size = struct.unpack_from('> H B B B B 3H', content)
+        _, channels, scalars, endian, axes, *size = struct.unpack_from('> H B B B B 3H', content)
         i, j, k, centre = np.frombuffer(content, '>f4', 12, 12).reshape(4, 3).astype(float)
-        assert scalars == 3, 'not of 8 bits without a sign'
+        assert scalars == 3 or (scalars, endian) == (10, 2), 'neither of 8 bits without a sign nor little-endian float32'
         assert struct.unpack_from('> 6H', content, 60) == (0, 0, 0, *size), 'a part of an image'
         self.axes = {1: 'ras', 2: 'lps'}[axes]
-        self.pixels = np.frombuffer(content, np.uint8, offset=72).reshape(*size[::-1], channels)
+        self.pixels = np.frombuffer(content, np.uint8 if scalars == 3 else '<f4', offset=72).reshape(*size[::-1], channels)
         self.T_world_ijk = np.eye(4)
         self.T_world_ijk[:3, :3] = np.column_stack([i, j, k])
         self.T_world_ijk[:3, 3] = centre - self.T_world_ijk[:3, :3] @ ((np.array(size) - 1) / 2)

@@ -2,8 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <opencv2/core.hpp>
 
+#include "cortshift_tracking/surround/surround.hpp"
 #include "surround/resting_scene.hpp"
 
 namespace cortshift_tracking {
@@ -110,6 +112,57 @@ TEST(PoseUncertainty, ACommonErrorCountsOnlyWhereTheCameraHasTurned) {
   turned.T_pmr_camera = Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitZ()) * above;
   EXPECT_NEAR(poseCovariance(camera, turned, Eigen::Vector3d::Zero())(0, 0), 4 * (0.0003 * 0.0003 + 0.0003 * 0.0003),
               1e-9 * 1e-3);
+}
+
+TEST(PoseUncertainty, ALatencyOf20MillisecondsAt10MillimetresPerSecondIs200Micrometres) {
+  const double way = 0.020 * 0.010 / std::sqrt(3);  // of each coordinate
+  PlacedCamera moved{
+      Eigen::Isometry3d(Eigen::Translation3d(0, 0, -0.3)), {{"latency", "configured", way, 0, false}}, {}};
+  const Matrix6 covariance = poseCovariance({}, moved, Eigen::Vector3d::Zero());
+  EXPECT_NEAR(sdAt(covariance, Eigen::Vector3d::Zero(), Eigen::Vector3d(0.02, 0, 0)), 0.0002, 1e-12);
+}
+
+TEST(PoseUncertainty, AMeasuredTrembleIsPartOfWhatIsConfigured) {
+  const std::vector<PoseErrorSource> tremble{{kTremble, "measured", 0.0003, 0.0005, false}};
+  const PoseErrorSource beside = trackerBeside(tremble, 0.0005, 0.0004);
+  EXPECT_NEAR(beside.translation_sd, 0.0004, 1e-12);  // 3, 4, 5
+  EXPECT_EQ(beside.rotation_sd, 0) << "more than configured is measured";
+  EXPECT_EQ(trackerBeside({}, 0.0005, 0.0004).translation_sd, 0.0005);
+}
+
+/// A camera above the origin that looks down on it.
+PlacedCamera above(double height, const DepthErrorSource& source) {
+  Eigen::Isometry3d T_pmr_camera(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
+  T_pmr_camera.translation().z() = height;
+  return {T_pmr_camera, {}, {source}};
+}
+
+double depthSd(const PlacedCamera& earlier, const PlacedCamera& later) {
+  return sdAt(poseCovariance(earlier, later, Eigen::Vector3d::Zero()), Eigen::Vector3d::Zero(),
+              Eigen::Vector3d::Zero());
+}
+
+TEST(PoseUncertainty, AWrongFocalLengthCountsByHowMuchFartherTheCameraIs) {
+  const DepthErrorSource one_percent{"stereo calibration", "its report", 0.01, 0};
+  EXPECT_LT(depthSd(above(0.3, one_percent), above(0.3, one_percent)), 1e-12);
+  EXPECT_NEAR(depthSd(above(0.3, one_percent), above(0.31, one_percent)), 0.0001, 1e-9);
+}
+
+TEST(PoseUncertainty, ADisparityCountsByTheSquareOfTheDepth) {
+  const double pixel = 1 / (3840 * 0.025);
+  const DepthErrorSource zoomed{"zoom", "at 1.2", 0, 0.2 * pixel}, other{"zoom", "at 0.8", 0, 0.2 * pixel};
+  const double once = 0.2 * 0.3 * 0.3 * pixel;  // 0.19 mm
+  EXPECT_NEAR(depthSd(above(0.3, {}), above(0.3, zoomed)), once, 1e-9) << "one stage at another setting";
+  EXPECT_NEAR(depthSd(above(0.3, other), above(0.3, zoomed)), once * std::sqrt(2), 1e-9) << "two settings, two errors";
+  EXPECT_LT(depthSd(above(0.3, zoomed), above(0.3, zoomed)), 1e-12) << "one setting, one error";
+}
+
+TEST(PoseUncertainty, TheReferenceSettingNeedsNoWarp) {
+  const SettingsError error{1.0, 0.3, 0.001};
+  EXPECT_FALSE(error.counts(NAN, NAN));
+  EXPECT_FALSE(error.counts(1.001, 0.3));
+  EXPECT_TRUE(error.counts(1.0, 0.31));
+  EXPECT_TRUE(error.counts(0.8, 0.3));
 }
 
 }  // namespace

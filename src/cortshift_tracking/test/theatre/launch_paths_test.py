@@ -8,6 +8,7 @@ import subprocess
 import pytest
 from cortshift_tracking.theatre.launched import own_parameter
 from graph import loaded
+from roslaunch.core import RLException
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 NAMES = ['plain', "O'Brien, Müller データ"]
@@ -44,6 +45,23 @@ def test_no_brain_model_without_a_model(launch):
     def nodes(*more):
         return [node.name for node in parameters(launch, 'case_folder:=case', *more)[1].nodes]
     assert 'brain_model' not in nodes() and 'brain_model' in nodes('model:=model.npz')
+
+
+@pytest.mark.parametrize('launch', ['phantom', 'replay', 'intraop', 'compute_pc'])
+def test_a_model_without_a_case_folder_ends_the_launch_with_what_to_give(launch, capfd):
+    with pytest.raises(RLException):
+        parameters(launch, 'model:=model.npz')
+    assert 'model:= keeps the MR up to date in the folder of the case: give case_folder:=DIR beside it' in capfd.readouterr().err
+
+
+def test_the_brain_model_goes_with_its_graph_into_a_namespace(tmp_path):
+    (tmp_path / 'or1.launch').write_text(f'<launch><group ns="or1"><include file="{ROOT}/launch/phantom.launch"><arg name="model" value="/m.npz"/>'
+                                         '<arg name="case_folder" value="/case"/></include></group></launch>')
+    config = loaded(tmp_path / 'or1.launch')
+    assert [node.namespace for node in config.nodes if node.name == 'brain_model'] == ['/or1/']
+    given = {name: parameter.value for name, parameter in config.params.items() if 'brain_model' in name}
+    assert given['/or1/brain_model/model'] == '/m.npz' and given['/or1/brain_model/case'] == '/case'
+    assert all(name.startswith('/or1/') for name in given)
 
 
 @pytest.mark.parametrize('given', ['a file.yaml', './a file.yaml', '{here}/a file.yaml'])

@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """case_recorder: compressed parts, each whole and understood alone; lost messages are noticed; a recording that ends is begun
 again; a full disk pauses it."""
+import glob
 import os
 import signal
 import subprocess
@@ -103,6 +104,44 @@ class Recorder(unittest.TestCase):
         wait_until(lambda: self.sent > sent + 20, 30, 'something to record')
         self.stop()
         self.assertEqual(len(self.bags()), 1)  # the second one, whole
+
+    def killed(self):
+        """A recorder whose node is killed. Returns a time some seconds later, when it is still without it."""
+        node = self.recorder()
+        wait_until(self.images.get_num_connections, 30, 'a recording')
+        sent = self.sent
+        wait_until(lambda: self.sent > sent + 20, 30, 'something to record')
+        os.kill(node.pid, signal.SIGKILL)
+        node.wait()
+        sent = self.sent
+        wait_until(lambda: self.sent > sent + 40, 30, 'time without the node')
+        return rospy.Time.now()
+
+    def headers(self, path):
+        with rosbag.Bag(path) as bag:
+            return [message.header for _, message, _ in bag.read_messages('/stereo/left/image_raw')]
+
+    def test_a_recording_goes_on_while_its_node_is_started_again(self):
+        called = self.killed()
+        folder = self.folder.name
+        self.assertEqual(self.bags(), [])
+        self.recorder(folder=folder)
+        wait_until(lambda: glob.glob(folder + '/*.bag'), 30, 'the end of the first recording')
+        first, = glob.glob(folder + '/*.bag')
+        wait_until(lambda: any(os.path.getsize(path) > 20000 for path in glob.glob(folder + '/*.active')), 30, 'the next recording')
+        self.stop()
+        headers = self.headers(first)
+        self.assertEqual([h.seq for h in headers], list(range(headers[0].seq, headers[0].seq + len(headers))))   # without a gap
+        self.assertGreater(headers[-1].stamp, called)   # and for as long as there was no node
+        following, = set(glob.glob(folder + '/*.bag')) - {first}
+        self.assertGreater(self.headers(following)[0].stamp, headers[-1].stamp)
+
+    def test_a_recording_that_nobody_takes_over_ends(self):
+        later = self.killed()
+        wait_until(self.bags, 60, 'the end of the recording')
+        path, = self.bags()
+        self.assertGreater(self.headers(path)[-1].stamp, later)
+        wait_until(lambda: not self.images.get_num_connections(), 30, 'the end of its connection')
 
     def test_little_disk_pauses(self):
         self.recorder(min_disk_gb=1000.0)

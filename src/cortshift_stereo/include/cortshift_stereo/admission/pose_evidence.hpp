@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "cortshift_stereo/admission/limits.hpp"
@@ -23,6 +24,24 @@ struct EdgeTremble {
 /// @param working_distance  [m] along the optical axis of the camera, which is the frame of T_child_source
 /// Zero where there are fewer than 5 samples.
 EdgeTremble trembleOf(const MovingEdge& edge, double working_distance = 0.3);
+
+/// How a pose spreads: root mean square of each coordinate at the camera, and about each axis, so that both together
+/// are as long as what is seen where the camera looks.
+struct PoseSpread {
+  double translation = 0;  ///< [m], of a speed [m/s]
+  double rotation = 0;     ///< [rad], of a speed [rad/s]
+};
+
+struct ExposureMotion {
+  PoseSpread tremble;  ///< of the pose at the exposure, which is interpolated between two samples
+  PoseSpread speed;    ///< of its steady motion
+};
+
+/// Of the moving edges between the two frames together; nothing where there are none, or fewer than 5 samples of one.
+/// @param working_distance  [m]  @throws PoseError as TransformTree::lookup
+std::optional<ExposureMotion> exposureMotion(const TransformTree& tree, const std::string& target,
+                                             const std::string& source, int64_t stamp_ns,
+                                             double working_distance = 0.3);
 
 /// Two publishers of one edge in turn.
 Findings checkPublishers(const MovingEdge& edge, const EdgeTremble& tremble);

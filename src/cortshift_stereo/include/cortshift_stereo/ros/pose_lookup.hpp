@@ -39,6 +39,9 @@ class PoseLookup {
   Findings judge(const std::string& target, const std::string& source, const ros::Time& stamp,
                  const PoseLimits& limits);
 
+  /// Lookups with this patience, and what the samples that have come by then say. It refers to this object.
+  PoseSource source(ros::WallDuration wall_timeout, const PoseLimits& limits);
+
  private:
   void add(const tf2_msgs::TFMessage& message, bool fixed);
   void noticeClock();  // with the mutex held

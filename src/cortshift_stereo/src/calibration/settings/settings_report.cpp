@@ -57,4 +57,19 @@ void writeSettingsCalibration(const std::string& folder, const std::string& date
   writeTextFile((place / "settings_report.yaml").string(), text);
 }
 
+SettingsResiduals readSettingsResiduals(const std::string& path) {
+  const YAML::Node root = loadYamlFile(path);
+  const YAML::Node reference = requiredNode(root, "reference", path);
+  SettingsResiduals residuals;
+  residuals.reference = {requiredNumber(reference, "magnification", path),
+                         requiredNumber(reference, "focal_length", path)};
+  double squares = 0;
+  for (const char* side : {"left", "right"}) {
+    const double rms = requiredNumber(requiredNode(root, side, path), "held_out_rms_px", path);
+    squares += rms * rms / 2;  // lengths in the image: half of it is along the rows
+  }
+  residuals.disparity_rms = std::sqrt(squares);
+  return residuals;
+}
+
 }  // namespace cortshift_stereo

@@ -126,4 +126,23 @@ void writeStereoCalibration(const std::string& folder, const StereoReport& repor
   writeTextFile((place / "report.yaml").string(), reportText(report));
 }
 
+StereoResiduals readStereoResiduals(const std::string& path) {
+  const YAML::Node root = loadYamlFile(path);
+  StereoResiduals residuals;
+  residuals.focal_deviation = requiredNumber(root, "focal_length_deviation_percent", path) / 100;
+  residuals.baseline = kMillimetre * requiredNumber(root, "baseline_mm", path);
+  residuals.focal_length = requiredNumber(requiredNode(root, "left", path), "focal_length_px", path);
+  const auto chosen = requiredValue<std::string>(root, "distortion_model", path);
+  residuals.epipolar_rms = -1;
+  for (const YAML::Node& score : requiredNode(root, "cross_validation", path))
+    if (requiredValue<std::string>(score, "model", path) == chosen)
+      residuals.epipolar_rms = requiredNumber(score, "epipolar_rms_px", path);
+  if (!(residuals.epipolar_rms >= 0 && residuals.focal_deviation >= 0 && residuals.baseline > 0 &&
+        residuals.focal_length > 0))
+    throw CalibrationError(path +
+                           ": it is no report of calibrate_stereo (focal length and baseline above 0, and the "
+                           "epipolar_rms_px of the chosen model); calibrate again");
+  return residuals;
+}
+
 }  // namespace cortshift_stereo

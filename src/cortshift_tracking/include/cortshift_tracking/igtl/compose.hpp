@@ -33,6 +33,18 @@ struct Picture {
 /// @param matrix_mm  4 x 4, maps (column, row, 0) of a pixel to the link's space [mm]
 Bytes composeImage(const Label& label, const Picture& picture, const Eigen::Matrix4d& matrix_mm, Axes axes);
 
+/// A volume of float32. Voxel (0, 0, 0) comes first, columns run fastest, then rows.
+struct Voxels {
+  int columns = 0;
+  int rows = 0;
+  int slices = 0;
+  const float* values = nullptr;  ///< columns x rows x slices; must live during the call
+};
+
+/// IMAGE of a volume.
+/// @param matrix_mm  4 x 4, maps (column, row, slice) of a voxel to the link's space [mm]
+Bytes composeVolume(const Label& label, const Voxels& voxels, const Eigen::Matrix4d& matrix_mm, Axes axes);
+
 /// STRING; text beyond 65535 bytes is cut.
 Bytes composeString(const Label& label, const std::string& text);
 

@@ -22,6 +22,7 @@ class ProtocolError : public std::runtime_error {
 };
 
 constexpr std::size_t kHeaderSize = 58;
+constexpr std::size_t kDeviceSize = 20;  ///< characters of a device name
 
 /// One received message of header version 1 or 2 (protocol versions 1 to 3).
 struct Message {

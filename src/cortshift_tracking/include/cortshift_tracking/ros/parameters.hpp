@@ -22,6 +22,8 @@ struct ShiftTrackerParameters {
   double arrow_spacing = 0.003;                ///< between the arrows of /shift/markers [m], 0.0005 ... 0.05
   std::string exclusions;                      ///< YAML file of regions excluded by hand, see readRegions; empty: none
   std::string hand_eye;                        ///< file of calibrate_hand_eye, for what it is off by; empty: not known
+  std::string stereo_report;                   ///< report.yaml of calibrate_stereo, for the same; empty: not known
+  std::string settings_report;                 ///< settings_report.yaml of calibrate_settings; needs stereo_report
   double track_resolution = 0.0002;            ///< of the projection in live mode [m], 0.00005 ... 0.001
   ShiftSettings shift;
 
@@ -34,6 +36,9 @@ struct ShiftTrackerParameters {
 
   /// @throws cortshift_stereo::ParameterError naming key, value and what is allowed
   static ShiftTrackerParameters load(const cortshift_stereo::ParameterSource& source);
+
+ private:
+  void readResiduals();
 };
 
 }  // namespace cortshift_tracking

@@ -19,10 +19,22 @@ struct PoseErrorSource {
   bool common = false;        ///< one error of both stages: it counts only where the camera has turned between them
 };
 
-/// A camera and what its pose may be off by.
+constexpr const char* kTracker = "tracker";
+constexpr const char* kTremble = "tremble of the tracker";  ///< the part of it that samples around an exposure show
+
+/// One source of error of the depths that a stereo head measures: it moves what is seen along the optical axis. Two
+/// cameras that say the same of it (source, known from) make one error in both stages.
+struct DepthErrorSource {
+  std::string source, known_from;
+  double scale_sd = 0;      ///< relative, of every depth
+  double disparity_sd = 0;  ///< of 1 / depth [1/m]: error of disparity over focal length times baseline
+};
+
+/// A camera, and what its pose and depths may be off by.
 struct PlacedCamera {
   Eigen::Isometry3d T_pmr_camera = Eigen::Isometry3d::Identity();
   std::vector<PoseErrorSource> errors;
+  std::vector<DepthErrorSource> depths{};
 };
 
 /// Small motion of a point: t + w x (point - centre).
@@ -35,6 +47,9 @@ double sdAt(const Matrix6& covariance, const Eigen::Vector3d& centre, const Eige
 Vector6 aboutCentre(const Vector6& motion, const Eigen::Vector3d& from, const Eigen::Vector3d& to);
 Matrix6 aboutCentre(const Matrix6& covariance, const Eigen::Vector3d& from, const Eigen::Vector3d& to);
 
+/// What configured standard deviations of a tracked pose leave beside a tremble that is measured and counted.
+PoseErrorSource trackerBeside(const std::vector<PoseErrorSource>& errors, double translation_sd, double rotation_sd);
+
 /// Covariance, about `centre` [pmr], of the motion between the two surfaces that `source` of both cameras makes up.
 Matrix6 covarianceOf(const PoseErrorSource& source, const Eigen::Isometry3d& T_pmr_earlier,
                      const Eigen::Isometry3d& T_pmr_later, const Eigen::Vector3d& centre);
@@ -46,6 +61,7 @@ struct PoseErrorShare {
 };
 
 /// Sources of one name together: independent ones of either camera, common ones (those of the later camera) once.
+/// Depths count as at the centre.
 std::vector<PoseErrorShare> poseErrorShares(const PlacedCamera& earlier, const PlacedCamera& later,
                                             const Eigen::Vector3d& centre);
 

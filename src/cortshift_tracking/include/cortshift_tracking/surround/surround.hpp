@@ -16,11 +16,23 @@ namespace cortshift_tracking {
 
 enum class SurroundMode { kOff, kCheck, kCorrect };
 
+/// What the fields that undo zoom and focus leave, at every setting but the reference.
+struct SettingsError {
+  double magnification = 1, focal_length = 0;  ///< of the reference [m]
+  double disparity_sd = 0;                     ///< of 1 / depth [1/m]
+
+  /// Whether a setting is another one; NaN: the reference.
+  bool counts(double at_magnification, double at_focal_length) const;
+};
+
 struct SurroundSettings {
   SurroundMode mode = SurroundMode::kCorrect;
   double pose_translation_sd = 0.00025;      ///< of one pose where nothing better is known [m], 0 ... 0.01
   double pose_rotation_sd = 0.0017;          ///< the same [rad], 0 ... 0.1
+  double pose_latency_sd = 0.01;             ///< of the pose's stamp against the exposure [s], 0 ... 1
   std::vector<PoseErrorSource> calibration;  ///< what every pose of a camera is off by in common, of calibration files
+  std::vector<DepthErrorSource> depths;      ///< what all depths are off by in common, of calibration files
+  std::optional<SettingsError> zoom;         ///< what other settings of the microscope add; empty: not known
 
   /// @throws TrackingError naming the setting, its value and the allowed range.
   void validate() const;

@@ -84,6 +84,16 @@ def read_case(folder):
     return found.case()
 
 
+def read_stage(folder, key):
+    """One stage of a case, without reading the others. Raises CaseError where it is not there, or cannot be read."""
+    found = _Found(folder)
+    for path in found.paths('.bag'):
+        found.take(lambda path: found.read_bag(path, key), path)
+    if key not in found.stages:
+        raise CaseError(f'{folder}: no stage "{key}" can be read' + (f' (left out: {"; ".join(found.left_out)})' if found.left_out else ''))
+    return found.stages[key]
+
+
 class _Found:
     """What was read of a folder so far."""
 
@@ -105,9 +115,12 @@ class _Found:
         except CaseError as error:
             self.leave_out(path, str(error).replace(f'{path}: ', '', 1))
 
-    def read_bag(self, path):
+    def read_bag(self, path, only=None):
+        """only: the key of the one stage to read, and no field."""
         with open_bag(path) as bag:
             topics = bag.get_type_and_topic_info().topics
+            if only is not None and only not in [message.key for _, message, _ in bag.read_messages('/stage/info')]:
+                return
             if '/stage/info' in topics and '/surface/points' in topics:
                 self._add_stage({topic: message for topic, message, _ in bag.read_messages(
                     ['/stage/info', '/surface/points', '/stereo/left/camera_info', '/stereo/right/camera_info'])}, path)
@@ -115,7 +128,7 @@ class _Found:
                 self._add_fields(bag, path)
 
     def _add_stage(self, messages, path):
-        stage = stage_from_messages(messages['/stage/info'], messages['/surface/points'], path)
+        stage = stage_from_messages(messages['/stage/info'], messages['/surface/points'], path, messages.get('/stereo/left/camera_info'))
         count = int(np.isfinite(stage.points).all(-1).sum())
         if count < LEAST_POINTS:
             raise CaseError(f'the surface of stage "{stage.key}" has only {count} points; capture it again')

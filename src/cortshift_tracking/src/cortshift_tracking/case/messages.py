@@ -65,9 +65,10 @@ class Stage:
     warnings: tuple = ()
     epoch: int = 0   # of the patient registration and calibration; 0: not known
     provenance: Provenance = Provenance()
+    left_info: object = None   # sensor_msgs/CameraInfo; points and colour are organised as its rectified image
 
 
-def stage_from_messages(info, cloud, path=''):
+def stage_from_messages(info, cloud, path='', left_info=None):
     arrays = cloud_arrays(cloud)
     points = _vectors(arrays, 'x', 'y', 'z')
     colour = arrays.get('rgb', np.full(points.shape, 128, np.uint8))
@@ -77,7 +78,7 @@ def stage_from_messages(info, cloud, path=''):
         info.camera_pose.orientation.w
     return Stage(info.key, info.note, info.stamp.to_sec(), points, colour, confidence,
                  pose_matrix(info.camera_pose) if known else None, info.coverage, path, tuple(info.warnings),
-                 info.epoch, _provenance(info))
+                 info.epoch, _provenance(info), left_info)
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,11 @@ import traceback
 import rospy
 import yaml
 from cortshift_msgs.msg import DisplacementField
-from cortshift_msgs.srv import CaptureStage, ComputeShift, ListStages, SetPhantomStage, TrackShift
+from cortshift_msgs.srv import CaptureStage, ComputeShift, ListStages, SetOutline, SetPhantomStage, TrackShift
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Point32, Polygon
 
+from cortshift_tracking.console.drawing import Grid
 from cortshift_tracking.console.graph_state import GraphState
 from cortshift_tracking.console.worker import DeskError, Worker
 from cortshift_tracking.summary_text import summary_lines
@@ -27,14 +29,14 @@ def next_key(keys):
 class Desk:
     """Requests are queued and done in order by one thread; `status` never waits for them.
 
-    Calls        /shift_tracker/capture_stage, list_stages, compute_shift, track; /stereo_driver/set_stage (phantom only)
+    Calls        /shift_tracker/capture_stage, list_stages, compute_shift, track, set_outline; /stereo_driver/set_stage (phantom only)
     Subscribes   /diagnostics, /shift/field
     """
 
     def __init__(self):
         self._call = {name: rospy.ServiceProxy(f'shift_tracker/{name}', kind) for name, kind in (
             ('capture_stage', CaptureStage), ('list_stages', ListStages), ('compute_shift', ComputeShift),
-            ('track', TrackShift))}
+            ('track', TrackShift), ('set_outline', SetOutline))}
         self._set_phantom = rospy.ServiceProxy('stereo_driver/set_stage', SetPhantomStage)
         self._lock = threading.Lock()
         self._worker = Worker(rospy.logerr)
@@ -43,6 +45,8 @@ class Desk:
         self._stages = []
         self._phantom_left = None  # stages of the phantom's case still to come
         self._shift = ('', ())
+        self._outlined = ''
+        self._grids = {}           # of the pictures, by the key of the stage that they show
         rospy.Subscriber('shift/field', DisplacementField, self._keep_shift, queue_size=1, buff_size=1 << 26)
         rospy.Subscriber('/diagnostics', DiagnosticArray, self._graph.keep, queue_size=50)
         threading.Thread(target=self._watch, daemon=True).start()
@@ -60,6 +64,15 @@ class Desk:
 
     def next_phantom_stage(self):
         self._ask('moving the phantom to its next stage', 8.0, self._move_phantom)
+
+    def set_outline(self, key, line):
+        """The outline of the brain on a stage, drawn on its picture: [(x, y)] in widths of the picture; empty: the automatic one."""
+        with self._lock:
+            grid = self._grids.get(key)
+        if line and grid is None:
+            raise DeskError(f"no picture of stage '{key}' is shown; compute a shift from it first")
+        corners = grid.outline(line) if line else []
+        self._ask('keeping the outline', 1.0, self._set_outline, key, corners)
 
     def _ask(self, what, expected, work, *arguments):
         def called():
@@ -95,6 +108,12 @@ class Desk:
             return self._shift
 
     @property
+    def outlined(self):
+        """Key of the stage that the picture of the outline shows; '' where there is none yet."""
+        with self._lock:
+            return self._outlined
+
+    @property
     def activity(self):
         return self._worker.activity
 
@@ -113,6 +132,8 @@ class Desk:
         to_key = field.to_key or time.strftime('live, %H:%M:%S', time.localtime(field.to_stamp.to_sec()))
         with self._lock:
             self._shift = (f'{field.from_key} → {to_key}', tuple(summary_lines(field.summary)))
+            self._grids[field.from_key] = Grid(field.points.width, field.points.height, field.resolution)
+            self._outlined = field.from_key
 
     def _watch(self):
         while not rospy.is_shutdown():
@@ -170,6 +191,10 @@ class Desk:
         first = next((s.key for s in stages if s.epoch == newest), '')
         answer = self._accepted(self._call['track'](first, on))
         return answer.message, ()
+
+    def _set_outline(self, key, corners):
+        brain = [Polygon([Point32(x, y, 0) for x, y in corners])] if corners else []
+        return self._accepted(self._call['set_outline'](key, brain)).message, ()
 
     def _move_phantom(self):
         left = self.phantom_stages_left

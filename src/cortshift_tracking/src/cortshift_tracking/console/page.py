@@ -17,9 +17,10 @@ from cortshift_tracking.console.worker import DeskError
 from cortshift_tracking.errors import CortshiftError
 
 PAGE = Path(__file__).with_name('page.html')
-PICTURES = {'overlay_before': 'shift/overlay_before', 'overlay_after': 'shift/overlay_after', 'magnitude': 'shift/magnitude'}
+PICTURES = {'outline': 'shift/outline', 'overlay_before': 'shift/overlay_before', 'overlay_after': 'shift/overlay_after', 'magnitude': 'shift/magnitude'}
 PATHS = {f'/picture/{name}.png': name for name in PICTURES}
 MAX_REQUEST = 4096       # bytes
+MAX_CORNERS = 200        # of an outline; the page thins what is drawn
 WIDEST_PICTURE = 900     # pixels; more does not fit beside the others
 SHORTEST_TOKEN = 16      # characters
 HEADER = 'X-Cortshift'   # a form of another page cannot send it
@@ -92,6 +93,7 @@ def status_of(desk, pictures):
         'shift': dict(zip(('stages', 'numbers'), desk.shift)),
         'coverage': desk.coverage(), 'warnings': desk.warnings(), 'live': tracker.live,
         'live_from': tracker.live_from, 'gravity': tracker.gravity, 'exclusions': tracker.exclusions,
+        'outlined': desk.outlined,
         'phantom_stages_left': desk.phantom_stages_left,
         'stages': [{'key': s.key, 'note': s.note, 'stamp': s.stamp.to_sec(), 'coverage': s.coverage, 'epoch': s.epoch}
                    for s in desk.stages],
@@ -100,7 +102,7 @@ def status_of(desk, pictures):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """GET /, /status, /picture/NAME.png; POST /capture {note}, /compute, /live {on}, /phantom."""
+    """GET /, /status, /picture/NAME.png; POST /capture {note}, /compute, /live {on}, /phantom, /outline {key, line}."""
 
     server_version, sys_version = 'cortshift', ''
 
@@ -124,7 +126,8 @@ class Handler(BaseHTTPRequestHandler):
     def do_POST(self):
         desk = self.server.desk
         requests = {'/capture': lambda body: desk.capture(text_of(body, 'note')), '/compute': lambda _: desk.compute_last_pair(),
-                    '/live': lambda body: desk.set_live(body.get('on') is True), '/phantom': lambda _: desk.next_phantom_stage()}
+                    '/live': lambda body: desk.set_live(body.get('on') is True), '/phantom': lambda _: desk.next_phantom_stage(),
+                    '/outline': lambda body: desk.set_outline(text_of(body, 'key'), line_of(body, 'line'))}
         if not self._from_here():
             return
         if self.headers.get(HEADER) is None:
@@ -198,6 +201,17 @@ def text_of(body, key):
     if not isinstance(value, str):
         raise ValueError(f'{key} is a text')
     return value
+
+
+def line_of(body, key):
+    """A closed line [(x, y)]; empty: none."""
+    line = body.get(key)
+    if not isinstance(line, list) or len(line) in (1, 2) or len(line) > MAX_CORNERS:
+        raise ValueError(f'{key} is a list of no or 3 to {MAX_CORNERS} points')
+    for point in line:
+        if not isinstance(point, list) or len(point) != 2 or not all(type(v) in (int, float) and 0 <= v <= 4 for v in point):
+            raise ValueError(f'{key}: a point is [x, y] in widths of the picture')
+    return [tuple(point) for point in line]
 
 
 class PageServer:

@@ -4,16 +4,19 @@ import os
 import time
 from dataclasses import asdict, dataclass
 
+import cv2
 import numpy as np
 from scipy.ndimage import binary_erosion
 
-from cortshift_tracking.case.messages import MR_KEY
 from cortshift_tracking.durable import write_durably
 from cortshift_tracking.model.brain import ModelError, identity_of
+from cortshift_tracking.model.overlay import overlay
+from cortshift_tracking.model.structures import located, structures_of
 from cortshift_tracking.model.update import bin_field, update
 from cortshift_tracking.model.warp import labels_now, warped, warps_of, write_nrrd
 from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
+from cortshift_tracking.poses import pose_matrix
 from cortshift_tracking.software import software_version
 
 NOW_FROM_PMR = 'now_from_pmr: at each point of the preoperative MR the vector to where its tissue is now'
@@ -22,13 +25,14 @@ PMR_FROM_NOW = 'pmr_from_now: at each point of now the vector to where its tissu
 
 @dataclass(frozen=True)
 class Updated:
-    """What came of it. summary: as in summary.json."""
+    """What came of it. summary: as in summary.json. structures: of the labels, in their order."""
     update: object
     mr: Volume
     labels: Volume
     now_from_pmr: object
     pmr_from_now: object
     summary: dict
+    structures: list
 
 
 def check_mr(model, volume):
@@ -72,11 +76,13 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
     moved = Volume(warped(volume, pmr_from_now), volume.T_pmr_voxel, volume.axes, volume.source)
     now_labels = labels_now(model, volume, pmr_from_now, labels)
     warnings = [*(() if field.summary is None else field.summary.warnings), *result.warnings]
-    if not field.brain:
+    if not field.brain and field.from_mr:   # whose vectors are none of bone
+        warnings.append('a field from the MR does not say the outline of the exposed brain: the skull holds nothing within the model\'s craniotomy')
+    elif not field.brain:
         warnings.append('the outline of the exposed brain is not known: vectors of bone and drape pull too; draw it with set_outline')
     if epochs and not any(epochs.values()):
         warnings.append('the epochs of the stages are not known, so that it is not checked whether the patient registration changed')
-    if field.from_key != MR_KEY:
+    if not field.from_mr:
         warnings.append(f'the field begins at stage "{field.from_key}": what the brain moved from the MR until then is not in it')
     if now_from_pmr.least_stretch() <= 0 or pmr_from_now.least_stretch() <= 0:
         warnings.append('the warp folds somewhere: the motion is too large or too uneven for the model')
@@ -88,22 +94,11 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
                'labels': {name: {'value': number, **moved_label(model, result, label)} for number, (name, label) in enumerate(labels.items(), 1)},
                'warnings': warnings, 'model': model.provenance,
                'made_with': {'software': software_version(), 'field': asdict(field.provenance)}}
-    return Updated(result, moved, now_labels, now_from_pmr, pmr_from_now, summary)
+    return Updated(result, moved, now_labels, now_from_pmr, pmr_from_now, summary, structures_of(model, result, now_from_pmr, labels))
 
 
 def _number(value):
     return None if not np.isfinite(value) else round(float(value), 4)
-
-
-def located(model, result, points):
-    """Where points (N, 3) of the MR are now, their standard deviation [m], and whether they are in the model."""
-    tetrahedron, weights = model.places(points)
-    known = tetrahedron >= 0
-    nodes = model.mesh.tetrahedra[np.where(known, tetrahedron, 0)]
-    now = points + np.einsum('nc,ncj->nj', weights, result.displacement[nodes])
-    sd = (weights * result.sd[nodes]).sum(1)
-    known &= ~result.resected[np.where(known, tetrahedron, 0)]
-    return np.where(known[:, None], now, np.nan), np.where(known, sd, np.nan), known
 
 
 def moved_label(model, result, label, most=4000):
@@ -122,11 +117,19 @@ def moved_label(model, result, label, most=4000):
     return told
 
 
-def write_update(updated, folder):
-    """The files of the contract, each durably."""
+def overlay_of(updated, field, stage):
+    """Picture of the stage at which the field ends, with the structures as they were and are. Raises ModelError where there is none."""
+    taken_out = getattr(field.summary, 'surround_correction', None)   # messages of earlier versions have none
+    return overlay(updated.structures, stage, None if taken_out is None else pose_matrix(taken_out.pose))
+
+
+def write_update(updated, folder, picture=None):
+    """The files of the contract, each durably; picture: of overlay_of, to overlay.png."""
     os.makedirs(folder, exist_ok=True)
     save_nifti(updated.mr, os.path.join(folder, 'updated_mr.nii.gz'), level=1)
     save_nifti(updated.labels, os.path.join(folder, 'labels_now.nii.gz'), np.uint8, level=1)
     write_nrrd(updated.now_from_pmr, os.path.join(folder, 'now_from_pmr.nrrd'), NOW_FROM_PMR)
     write_nrrd(updated.pmr_from_now, os.path.join(folder, 'pmr_from_now.nrrd'), PMR_FROM_NOW)
     write_durably(os.path.join(folder, 'summary.json'), json.dumps(updated.summary, indent=1) + '\n')
+    if picture is not None:
+        write_durably(os.path.join(folder, 'overlay.png'), cv2.imencode('.png', picture)[1].tobytes())

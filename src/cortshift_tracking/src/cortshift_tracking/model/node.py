@@ -5,16 +5,18 @@ import time
 
 import numpy as np
 import rospy
-from cortshift_msgs.msg import DisplacementField
+from cortshift_msgs.msg import DisplacementField, UpdatedMr
 from cortshift_msgs.srv import ListStages, Locate, LocateResponse, UpdateModel, UpdateModelResponse
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point
+from sensor_msgs.msg import Image
 
-from cortshift_tracking.case.folder import gravity_of
+from cortshift_tracking.case.folder import gravity_of, read_stage
 from cortshift_tracking.case.messages import MR_KEY, field_from_message
 from cortshift_tracking.errors import CortshiftError
 from cortshift_tracking.model.brain import ModelError, load_model
-from cortshift_tracking.model.case_update import check_mr, located, update_case, write_update
+from cortshift_tracking.model.case_update import check_mr, located, overlay_of, update_case, write_update
+from cortshift_tracking.model.message import updated_mr_message
 from cortshift_tracking.mr.admission import MrSource, admit_mr
 from cortshift_tracking.parameters import ParameterError, read_parameters
 from cortshift_tracking.probe.store import read_points
@@ -25,6 +27,8 @@ PARAMETERS = {
     'gravity': [0.0, 0.0, 0.0],      # direction in pmr where the probe has not digitised it; zeros: not known
 }
 
+FIELD_ARRIVES = 3.0   # s: a field may be under way when its compute_shift has answered
+
 
 class BrainModelNode:
     """Services ~update, ~locate; see the .srv files.
@@ -32,7 +36,8 @@ class BrainModelNode:
     Parameters   case (text, required): folder of the case; model (text, required): file of prepare_model; PARAMETERS above
     Subscribes   shift/field (the fields that ~update can take)
     Calls        shift_tracker/list_stages (the epochs of the field's stages)
-    Publishes    /diagnostics
+    Publishes    ~overlay (the rectified left image of the later stage with the structures as they were and are, latched),
+                 ~updated_mr (for igtl_bridge, latched), /diagnostics
     """
 
     def __init__(self):
@@ -42,40 +47,65 @@ class BrainModelNode:
         self._volume = admit_mr(MrSource(source, self._model.provenance['axes']), [])
         check_mr(self._model, self._volume)
         self._lock, self._fields, self._updated = threading.Lock(), {}, None
+        self._arrived = threading.Condition()
         self._state = 'no update yet'
         rospy.Subscriber('shift/field', DisplacementField, self._keep, queue_size=5)
         self._diagnostics = rospy.Publisher('/diagnostics', DiagnosticArray, queue_size=5)
+        self._overlays = rospy.Publisher('~overlay', Image, queue_size=1, latch=True)
+        self._updates = rospy.Publisher('~updated_mr', UpdatedMr, queue_size=1, latch=True)
         rospy.Service('~update', UpdateModel, self._update)
         rospy.Service('~locate', Locate, self._locate)
         threading.Thread(target=self._report, daemon=True).start()
 
     def _keep(self, message):
         if message.to_key:   # those of the live mode belong to no stage
-            self._fields[message.from_key, message.to_key] = message
+            with self._arrived:
+                self._fields[message.from_key, message.to_key] = message
+                self._arrived.notify_all()
+
+    def _field(self, request):
+        """The field of a request, which may just be on its way. Raises ModelError."""
+        keys = request.from_key, request.to_key
+        with self._arrived:
+            if not self._arrived.wait_for(lambda: keys in self._fields, FIELD_ARRIVES):
+                there = ', '.join(f'{a} -> {b}' for a, b in self._fields) or 'none'
+                raise ModelError(f'no field {keys[0]} -> {keys[1]} was published; compute it with shift_tracker/compute_shift. There are: {there}')
+            return self._fields[keys]
 
     def _update(self, request):
         began = time.monotonic()
         name = f'{request.from_key} -> {request.to_key}'
         try:
             with self._lock:
-                message = self._fields.get((request.from_key, request.to_key))
-                if message is None:
-                    there = ', '.join(f'{a} -> {b}' for a, b in self._fields) or 'none'
-                    raise ModelError(f'no field {name} was published; compute it with shift_tracker/compute_shift. There are: {there}')
-                updated = update_case(self._model, self._volume, field_from_message(message), self._gravity(), self._model.labels,
-                                      epochs=self._epochs(request))
+                field = field_from_message(self._field(request))
+                updated = update_case(self._model, self._volume, field, self._gravity(), self._model.labels, epochs=self._epochs(request))
                 folder = self._values['output'] or os.path.join(self._values['case'], 'brain_model')
                 folder = os.path.join(folder, f'{request.from_key}__{request.to_key}')
-                write_update(updated, folder)
+                picture, why = self._overlay(updated, field)
+                write_update(updated, folder, picture)
                 self._updated = updated
+                self._updates.publish(updated_mr_message(updated.mr, updated.structures, field))
         except (CortshiftError, OSError) as error:
             self._state = f'{name} not updated: {error}'
             rospy.logwarn(self._state)
             return UpdateModelResponse(False, self._state, time.monotonic() - began)
         warnings = ''.join(f'; warning: {text}' for text in updated.summary['warnings'])
-        self._state = f'{name} updated, largest displacement {updated.summary["largest_displacement_mm"]:.1f} mm, files in {folder}{warnings}'
+        self._state = f'{name} updated, largest displacement {updated.summary["largest_displacement_mm"]:.1f} mm, files in {folder}{warnings}{why}'
         rospy.loginfo(self._state)
         return UpdateModelResponse(True, self._state, time.monotonic() - began)
+
+    def _overlay(self, updated, field):
+        """The picture, published; or None, and why there is none."""
+        try:
+            stage = read_stage(self._values['case'], field.to_key)
+            picture = overlay_of(updated, field, stage)
+        except CortshiftError as error:
+            return None, f'; no overlay: {error}'
+        height, width, _ = picture.shape
+        image = Image(height=height, width=width, encoding='bgr8', step=3 * width, data=picture.tobytes())
+        image.header.stamp, image.header.frame_id = rospy.Time.from_sec(stage.stamp), stage.left_info.header.frame_id
+        self._overlays.publish(image)
+        return picture, ''
 
     def _epochs(self, request):
         """Key to epoch of the request's stages. Raises ModelError where shift_tracker does not say them."""

@@ -20,7 +20,11 @@ OVERLAY_STEP = 0.0002  # grid of the overlays [m]
 def to_data_uri(figure):
     out = io.BytesIO()
     figure.savefig(out, format='png', dpi=DPI, bbox_inches='tight', pad_inches=0.08)
-    return 'data:image/png;base64,' + base64.b64encode(out.getvalue()).decode()
+    return png_uri(out.getvalue())
+
+
+def png_uri(content):
+    return 'data:image/png;base64,' + base64.b64encode(content).decode()
 
 
 def _figure(rows, columns, height_px):

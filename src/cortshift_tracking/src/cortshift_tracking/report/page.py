@@ -33,8 +33,10 @@ def page(title, sections):
 
 
 def picture(figure, description, caption=''):
+    """figure: of matplotlib, or the bytes of a PNG."""
     above = f'<figcaption>{text(caption)}</figcaption>' if caption else ''
-    return f'<figure>{above}<img src="{figures.to_data_uri(figure)}" alt="{text(description)}"></figure>'
+    uri = figures.png_uri(figure) if isinstance(figure, bytes) else figures.to_data_uri(figure)
+    return f'<figure>{above}<img src="{uri}" alt="{text(description)}"></figure>'
 
 
 def warning_box(warnings):

@@ -4,6 +4,7 @@ import json
 import os
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -26,9 +27,9 @@ class Update:
 
 
 def read_updates(folder, left_out):
-    """The updates in a case folder, one or two below it; what cannot be read is named in left_out."""
+    """The updates in a case folder, in its `brain_model`, or in that of a case folder in it; what cannot be read is named in left_out."""
     updates = []
-    for path in sorted(path for below in ('*', '*/*') for path in glob.glob(os.path.join(glob.escape(folder), below, 'summary.json'))):
+    for path in sorted(path for below in ('*', '*/*', '*/brain_model/*') for path in glob.glob(os.path.join(glob.escape(folder), below, 'summary.json'))):
         try:
             with open(path, encoding='utf-8') as file:
                 summary = json.load(file)
@@ -54,10 +55,18 @@ def section(update, case, volume, left_out):
     parts.append(f'<p>Largest displacement {_or_nan(summary["largest_displacement_mm"]):.1f} mm; the model meets the measured vectors to '
                  f'{_or_nan(summary["residual_at_surface_mm"]):.2f} mm (root mean square).</p>')
     parts += [f'<p class="warning">{text(warning)}</p>' for warning in summary['warnings']]
-    now = _updated(update, volume, left_out)
+    overlay = _overlay(update, left_out)
+    if overlay is not None:
+        parts.append(picture(overlay, f'outlines at {summary["to_key"]}', f'Left camera at {summary["to_key"]}, with what lies below as it was in the '
+                             'MR (red) and as it is now (green)'))
+    now = _of_now(update, 'updated_mr.nii.gz', volume, left_out)
     if now is not None:
-        parts.append(picture(_before_after(volume, now, np.nanmedian(case.stages[0].points.reshape(-1, 3), axis=0)),
-                             f'MR before and after {name}', 'Preoperative MR, brought up to date, and what differs'))
+        at, says = np.nanmedian(case.stages[0].points.reshape(-1, 3), axis=0), ''
+        labels = _of_now(update, 'labels_now.nii.gz', volume, left_out) if rows else None
+        if labels is not None and (labels.data == 1).any():   # the first structure is what one looks for
+            at, says = labels.to_pmr(np.argwhere(labels.data == 1)).mean(0), f'; through {rows[0][0]}, structures as they are now in green'
+        parts.append(picture(_before_after(volume, now, labels, at), f'MR before and after {name}',
+                             f'Preoperative MR, brought up to date, and what differs{says}'))
     return '\n'.join(parts)
 
 
@@ -65,11 +74,28 @@ def _or_nan(value):
     return float('nan') if value is None else float(value)
 
 
-def _updated(update, volume, left_out):
-    """The updated MR, if it can be compared with the one before."""
+def _overlay(update, left_out):
+    """Bytes of overlay.png, or None; where no structure was followed there is none."""
+    path = os.path.join(update.folder, 'overlay.png')
+    try:
+        with open(path, 'rb') as file:
+            content = file.read()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        left_out.append(f'{path}: cannot be read ({error.strerror}); check its rights and the disk')
+        return None
+    if not content or cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) is None:
+        left_out.append(f'{path}: is damaged; run update_mr again')
+        return None
+    return content
+
+
+def _of_now(update, file, volume, left_out):
+    """A volume of the update, if it can be compared with the MR before."""
     if volume is None:
         return None
-    path = os.path.join(update.folder, 'updated_mr.nii.gz')
+    path = os.path.join(update.folder, file)
     try:
         now = load_volume(path, volume.axes)
     except VolumeError as error:
@@ -81,8 +107,8 @@ def _updated(update, volume, left_out):
     return now
 
 
-def _before_after(before, after, at):
-    """Rows: planes through a point; columns: before, after, after minus before."""
+def _before_after(before, after, labels, at):
+    """Rows: planes through a point; columns: before, after, after minus before. labels: > 0 in structures as they are now, or None."""
     window = np.nanpercentile(before.data[::3, ::3, ::3], (1, 99.7))
     figure = Figure(figsize=(11.6, 11.2), dpi=100, facecolor='white')
     panels = figure.subplots(3, 3)
@@ -96,7 +122,11 @@ def _before_after(before, after, at):
         for panel, image, title, look in ((row[0], first, 'before', {'cmap': 'gray', 'vmin': window[0], 'vmax': window[1]}),
                                           (row[1], second, 'now', {'cmap': 'gray', 'vmin': window[0], 'vmax': window[1]}),
                                           (row[2], second - first, 'now minus before', {'cmap': 'RdBu_r', 'vmin': -half, 'vmax': half})):
-            panel.imshow(image, origin='lower', extent=np.array([low[0], high[0], low[1], high[1]]) * 1000, **look)
+            extent = np.array([low[0], high[0], low[1], high[1]]) * 1000
+            panel.imshow(image, origin='lower', extent=extent, **look)
+            if labels is not None and panel is row[1]:
+                structures = np.nan_to_num(mr_section(labels, plane, at[PLANES[plane]], low, high, STEP))
+                panel.contour(structures, [0.5], colors='limegreen', linewidths=1, origin='lower', extent=extent)
             if shown.flip_across:
                 panel.invert_xaxis()
             if shown.flip_up:

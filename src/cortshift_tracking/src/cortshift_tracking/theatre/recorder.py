@@ -1,5 +1,4 @@
 """Records a case on the way: bags of some minutes that stand alone, compressed, the oldest given up when there are too many."""
-import ctypes
 import os
 import shutil
 import signal
@@ -7,14 +6,15 @@ import subprocess
 import threading
 import time
 
+import roslib.packages
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from cortshift_tracking.parameters import Number, ParameterError, read_parameters
 
 GIGABYTE = 1e9
-PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 PERIOD = 1.0       # s between looks
+SETTLED = 5.0      # s: a recording that ends later than that is begun again at once, what ends sooner at the next look
 SILENCE = 20.0     # s without growth: nothing is published, or the disk does not take it
 LOSS_SHOWN = 60.0  # s that a loss is warned of; the sum stays among the values
 INFOS = ['stereo/left/camera_info', 'stereo/right/camera_info']  # hold until the next one, latched or not
@@ -29,13 +29,11 @@ PARAMETERS = {
 }
 
 
-def _end_with_parent():
-    """For a child between fork and exec: if this node is killed, what it started closes its file and ends."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
-
-
 class Recorder:
-    """Parameters: PARAMETERS. Publishes /diagnostics. Runs record_parts, and again should it end."""
+    """Parameters: PARAMETERS. Publishes /diagnostics. Runs record_parts, and again should it end.
+
+    Is this node killed, its recording goes on until that of the next one takes the name over, or nobody comes.
+    """
 
     def __init__(self):
         values = read_parameters(PARAMETERS)
@@ -49,7 +47,9 @@ class Recorder:
             os.makedirs(self._folder, exist_ok=True)
         except OSError as error:
             raise ParameterError(f'parameter {rospy.get_name()}/folder: {error}') from error
+        self._program = roslib.packages.find_node('cortshift_tracking', 'record_parts')[0]   # rosrun looks for it anew at each start
         self._process, self._ending = None, False
+        self._wake = threading.Event()
         self._lock = threading.Lock()  # of the two
         self._starts, self._size, self._grown = 0, 0, time.monotonic()
         self._lost, self._lost_at, self._failure = {}, None, ''  # by topic, of the running recorder; why the last one ended
@@ -58,24 +58,22 @@ class Recorder:
         threading.Thread(target=self._watch, daemon=True).start()
 
     def _start(self):
-        # By rosrun, which becomes the recorder itself: a signal to it arrives there.
         prefix = os.path.join(self._folder, time.strftime('case_%Y%m%dT%H%M%S'))
-        command = ['rosrun', 'cortshift_tracking', 'record_parts', '--prefix', prefix, '--minutes', str(self._values['minutes']), '--parts',
-                   str(self._values['files']), '--compression', self._values['compression'], '__name:=case_recording']
+        command = [self._program, '--prefix', prefix, '--minutes', str(self._values['minutes']), '--parts', str(self._values['files']),
+                   '--compression', self._values['compression'], '--parent', str(os.getpid()), '__name:=case_recording']
         for topic in INFOS:
             command += ['--hold', topic]
         # In a session of its own: a signal to all that this node started must not end it behind the node's back.
         with self._lock:
             if self._ending:
                 return
-            self._process = subprocess.Popen(command + TOPICS, stdout=subprocess.PIPE, universal_newlines=True, start_new_session=True,
-                                             preexec_fn=_end_with_parent)
+            self._process = subprocess.Popen(command + TOPICS, stdout=subprocess.PIPE, universal_newlines=True, start_new_session=True)
         threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
         self._starts += 1
 
     def _listen(self, output):
         """What record_parts says, until it ends."""
-        lost_before = dict(self._lost)
+        lost_before, begun = dict(self._lost), time.monotonic()
         for line in output:
             word, _, rest = line.strip().partition(' ')
             if word == 'lost':
@@ -85,6 +83,8 @@ class Recorder:
                 rospy.logwarn('the recording lacks %s messages of %s so far', self._lost[topic], topic)
             elif word == 'failed':
                 self._failure = rest
+        if time.monotonic() - begun > SETTLED:
+            self._wake.set()
 
     def _end(self):
         with self._lock:
@@ -110,7 +110,8 @@ class Recorder:
             elif not running:
                 self._start()
             self._report(free)
-            time.sleep(PERIOD)
+            self._wake.wait(PERIOD)
+            self._wake.clear()
 
     def _report(self, free):
         files = [entry for entry in os.scandir(self._folder) if entry.name.endswith(('.bag', '.bag.active'))]

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "cortshift_stereo/ros/image_layout.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
@@ -38,6 +39,8 @@ GraphSender::GraphSender(ros::NodeHandle& node, const BridgeParameters& paramete
   subscribers_ = {
       node.subscribe("shift/field", 4, &GraphSender::onField, this),
       node.subscribe("surface/points", 1, &GraphSender::onSurface, this),
+      node.subscribe("brain_model/updated_mr", 1, &GraphSender::onUpdatedMr, this),
+      subscribePicture(node, "brain_model/overlay", "BrainOverlayPict"),
       subscribePicture(node, "shift/overlay_before", "OverlayBeforePict"),
       subscribePicture(node, "shift/overlay_after", "OverlayAfterPict"),
       subscribePicture(node, "shift/magnitude", "MagnitudePict"),
@@ -66,6 +69,27 @@ void GraphSender::writeField(const cortshift_msgs::DisplacementField& field, con
   if (!isKey(field.from_key) || !isKey(field.to_key)) throw std::invalid_argument("its keys cannot name a file");
   writeVtk(parameters_.vtk_folder + "/" + field.from_key + "__" + field.to_key + ".vtk", titleOf(field),
            makeMesh(grid, 1, space_), space_.linkAxes());
+}
+
+void GraphSender::onUpdatedMr(const cortshift_msgs::UpdatedMr::ConstPtr& mr) {
+  try {
+    const std::int64_t stamp = nanoseconds(mr->header.stamp);
+    std::map<std::string, LinkMesh> meshes;
+    for (const cortshift_msgs::MovedLabel& label : mr->labels) {
+      const std::string device = ("Now_" + label.name).substr(0, kDeviceSize);
+      if (!meshes.emplace(device, meshOfLabel(label, space_)).second)
+        throw std::invalid_argument("two labels would be sent as '" + device +
+                                    "'; give prepare_model names that differ in 16 letters");
+    }
+    const std::vector<float> voxels = voxelsOf(*mr);
+    const sensor_msgs::Image& first = mr->slices.front();
+    const Voxels volume{static_cast<int>(first.width), static_cast<int>(first.height),
+                        static_cast<int>(mr->slices.size()), voxels.data()};
+    publish("UpdatedMr", composeVolume({"UpdatedMr", stamp}, volume, voxelMatrix(*mr, space_), space_.linkAxes()));
+    for (const auto& [device, mesh] : meshes) publish(device, composePolyData({device, stamp}, mesh));
+  } catch (const std::exception& error) {
+    ROS_ERROR_STREAM("the MR updated by " << mr->from_key << " -> " << mr->to_key << " is not sent: " << error.what());
+  }
 }
 
 void GraphSender::onSurface(const sensor_msgs::PointCloud2::ConstPtr& cloud) {

@@ -103,6 +103,56 @@ Eigen::Matrix4d textureMatrix(const cortshift_msgs::DisplacementField& field, co
   return matrix_mm;
 }
 
+std::vector<float> voxelsOf(const cortshift_msgs::UpdatedMr& mr) {
+  std::vector<float> voxels;
+  if (mr.slices.empty()) throw std::invalid_argument("the updated MR has no slice");
+  const sensor_msgs::Image& first = mr.slices.front();
+  const std::size_t size = static_cast<std::size_t>(first.width) * first.height;
+  voxels.reserve(size * mr.slices.size());
+  for (const sensor_msgs::Image& slice : mr.slices) {
+    if (slice.encoding != "32FC1" || slice.is_bigendian || slice.width != first.width || slice.height != first.height ||
+        slice.step != slice.width * sizeof(float) || slice.data.size() != size * sizeof(float))
+      throw std::invalid_argument("a slice of the updated MR is not whole, not of float32, or of another size");
+    const std::size_t before = voxels.size();
+    voxels.resize(before + size);
+    std::memcpy(voxels.data() + before, slice.data.data(), size * sizeof(float));
+  }
+  return voxels;
+}
+
+Eigen::Matrix4d voxelMatrix(const cortshift_msgs::UpdatedMr& mr, const LinkSpace& space) {
+  const Eigen::Matrix4d T_pmr_voxel =
+      Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(mr.T_pmr_voxel.data());
+  Eigen::Matrix4d matrix_mm = T_pmr_voxel;
+  for (int column = 0; column < 4; ++column)
+    matrix_mm.block<3, 1>(0, column) = space.vectorToLink(T_pmr_voxel.block<3, 1>(0, column));
+  if (mr.header.frame_id != "pmr" || !matrix_mm.allFinite() || matrix_mm.row(3) != Eigen::RowVector4d(0, 0, 0, 1) ||
+      !(std::abs(matrix_mm.topLeftCorner<3, 3>().determinant()) > 0))
+    throw std::invalid_argument("the place of the updated MR's voxels in pmr is not known");
+  return matrix_mm;
+}
+
+LinkMesh meshOfLabel(const cortshift_msgs::MovedLabel& label, const LinkSpace& space) {
+  const PointGrid grid = gridFromCloud(label.border);
+  if (grid.displacements_pmr.empty() || label.quads.size() % 4 != 0)
+    throw std::invalid_argument("label '" + label.name + "' says no displacement, or corners that are no quads");
+  LinkMesh mesh;
+  for (std::size_t i = 0; i < grid.points_pmr.size(); ++i) {
+    const Eigen::Vector3f& moved = grid.displacements_pmr[i];
+    mesh.points_mm.push_back(space.vectorToLink((grid.points_pmr[i] + moved).cast<double>()).cast<float>());
+    mesh.displacements_mm.push_back(space.vectorToLink(moved.cast<double>()).cast<float>());
+    if (!mesh.points_mm.back().allFinite())
+      throw std::invalid_argument("label '" + label.name + "' has a corner that is nowhere");
+  }
+  for (std::size_t i = 0; i < label.quads.size(); i += 4) {
+    mesh.cells.push_back({label.quads[i], label.quads[i + 1], label.quads[i + 2], label.quads[i + 3]});
+    for (const std::uint32_t corner : mesh.cells.back())
+      if (corner >= mesh.points_mm.size())
+        throw std::invalid_argument("label '" + label.name + "' has a quad at a corner that is not there");
+  }
+  return mesh;
+}
+
 std::string summaryText(const cortshift_msgs::ShiftSummary& message) {
   return message.from_key + " -> " + message.to_key + ": " + describe(summaryFromMessage(message));
 }

@@ -27,6 +27,7 @@ Capturing::Capturing(const ShiftTrackerParameters& parameters, OpenCase& open, P
                      ros::NodeHandle& services)
     : timeout_(parameters.capture_timeout),
       max_surface_age_(parameters.max_surface_age),
+      latency_sd_(parameters.shift.surround.pose_latency_sd),
       configuration_(
           [parameters](const std::string& of_reconstruction) { return parameters.configuration(of_reconstruction); }),
       case_(open),
@@ -108,10 +109,7 @@ std::string Capturing::store(const std::string& key, const std::string& note, un
         "let surface_reconstruction make the surfaces"}
                                        .sentence());
   record.parameters = configuration_(status ? status->parameters : "");
-  remarks +=
-      completeStage(record, [this](const std::string& target, const std::string& source, const ros::Time& stamp) {
-        return placement_.poses.lookup(target, source, stamp, kPoseWait);
-      });
+  remarks += completeStage(record, placement_.poses.source(kPoseWait, placement_.limits), latency_sd_);
   record.info = case_.store.add(record);
   for (const std::string& warning : record.info.warnings) remarks += "; WARNING: " + warning;
   return remarks;

@@ -116,9 +116,7 @@ cortshift_msgs::StageInfo LiveTracking::stateAt(const ros::Time& stamp) const {
   StageRecord record;
   record.info.stamp = stamp;
   pairs_.fillCalibration(record);
-  placeRecord(record, [this](const std::string& target, const std::string& source, const ros::Time& at) {
-    return placement_.poses.lookup(target, source, at, kPoseWait);
-  });
+  placeRecord(record, placement_.poses.source(kPoseWait, placement_.limits), settings_.surround.pose_latency_sd);
   record.info.registration = placement_.registration.newest();  // of a later time too: it makes the stage a wrong start
   record.info.warnings.clear();  // a pose that is not known is told by the surface's own status
   return record.info;

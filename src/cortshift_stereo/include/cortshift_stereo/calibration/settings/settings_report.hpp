@@ -18,4 +18,13 @@ void writeSettingsCalibration(const std::string& folder, const std::string& date
                               const SettingsCalibration& right, const std::vector<RejectedView>& rejected,
                               const CalibrationVerdict& verdict);
 
+/// What the fields leave, as their report says.
+struct SettingsResiduals {
+  MicroscopeSetting reference;
+  double disparity_rms = 0;  ///< on held-out settings, of the difference of the two cameras' columns [px]
+};
+
+/// Of settings_report.yaml. @throws CalibrationError naming the file and key
+SettingsResiduals readSettingsResiduals(const std::string& path);
+
 }  // namespace cortshift_stereo

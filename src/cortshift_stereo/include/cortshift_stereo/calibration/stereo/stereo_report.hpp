@@ -33,4 +33,15 @@ std::string remarksText(const StereoReport& report);
 /// @throws CalibrationError if something cannot be written.
 void writeStereoCalibration(const std::string& folder, const StereoReport& report);
 
+/// What the depths of a calibrated stereo head may be off by, as its report says.
+struct StereoResiduals {
+  double focal_deviation = 0;  ///< standard deviation of the focal length, relative to it: it stretches every depth
+  double epipolar_rms = 0;     ///< row difference on held-out views [px]: what its disparities may be off by as well
+  double focal_length = 0;     ///< [px]
+  double baseline = 0;         ///< [m]
+};
+
+/// Of report.yaml. @throws CalibrationError naming the file and key
+StereoResiduals readStereoResiduals(const std::string& path);
+
 }  // namespace cortshift_stereo

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cortshift_msgs/DisplacementField.h>
+#include <cortshift_msgs/UpdatedMr.h>
 #include <ros/ros.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud2.h>
@@ -15,8 +16,9 @@
 
 namespace cortshift_tracking::igt {
 
-/// Subscribes /shift/field, /surface/points, /shift/overlay_before, /shift/overlay_after, /shift/magnitude. Sends
-/// POLYDATA ShiftField, Surface; IMAGE FieldTexture and the pictures; STRING ShiftSummary; NDARRAY ShiftSummaryValues.
+/// Subscribes /shift/field, /surface/points, /shift/overlay_before, /shift/overlay_after, /shift/magnitude,
+/// /brain_model/updated_mr, /brain_model/overlay. Sends POLYDATA ShiftField, Surface, Now_LABEL; IMAGE FieldTexture,
+/// UpdatedMr and the pictures; STRING ShiftSummary; NDARRAY ShiftSummaryValues.
 class GraphSender {
  public:
   /// @param parameters, space, endpoint  outlive this
@@ -24,6 +26,7 @@ class GraphSender {
 
  private:
   void onField(const cortshift_msgs::DisplacementField::ConstPtr& field);
+  void onUpdatedMr(const cortshift_msgs::UpdatedMr::ConstPtr& mr);
   void onSurface(const sensor_msgs::PointCloud2::ConstPtr& cloud);
   void onPicture(const std::string& device, const sensor_msgs::Image::ConstPtr& image);
   ros::Subscriber subscribePicture(ros::NodeHandle& node, const std::string& topic, const std::string& device);

@@ -2,8 +2,10 @@
 #pragma once
 
 #include <cortshift_msgs/DisplacementField.h>
+#include <cortshift_msgs/MovedLabel.h>
 #include <cortshift_msgs/ShiftSummary.h>
 #include <cortshift_msgs/StageInfo.h>
+#include <cortshift_msgs/UpdatedMr.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <sensor_msgs/PointCloud2.h>
 
@@ -25,6 +27,17 @@ std::vector<std::uint8_t> textureOfGrid(const PointGrid& grid);
 /// Pose of that texture: (column, row, 0) to the link's space [mm].
 /// @throws std::invalid_argument if resolution or orientation cannot be right.
 Eigen::Matrix4d textureMatrix(const cortshift_msgs::DisplacementField& field, const LinkSpace& space);
+
+/// Intensities of the updated MR; columns run fastest, then rows, then slices.
+/// @throws std::invalid_argument if there is no slice, or they are not float32 of one size, whole and little-endian
+std::vector<float> voxelsOf(const cortshift_msgs::UpdatedMr& mr);
+
+/// (column, row, slice) of its voxels to the link's space [mm]. @throws std::invalid_argument if that is no space
+Eigen::Matrix4d voxelMatrix(const cortshift_msgs::UpdatedMr& mr, const LinkSpace& space);
+
+/// The structure where it is now; `displacements_mm` says from where. @throws std::invalid_argument naming what is
+/// wrong
+LinkMesh meshOfLabel(const cortshift_msgs::MovedLabel& label, const LinkSpace& space);
 
 /// One line for people, lengths in mm.
 std::string summaryText(const cortshift_msgs::ShiftSummary& summary);

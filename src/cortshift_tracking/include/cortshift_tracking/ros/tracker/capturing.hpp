@@ -54,6 +54,7 @@ class Capturing {
 
   const double timeout_;  // [s]
   const ros::Duration max_surface_age_;
+  const double latency_sd_;                                             // [s]
   const std::function<std::string(const std::string&)> configuration_;  // all parameters, with the reconstruction's
   OpenCase& case_;
   Placement& placement_;
