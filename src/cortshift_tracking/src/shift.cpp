@@ -99,7 +99,7 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
   result.field.brain = outline.brain;
   const auto pixelOf = [&](const Projection& projection, const std::optional<PlacedCamera>& camera) {
     const double spacing = projection.max_edge / settings.projection.max_edge_ratio * projection.resolution;
-    return pixelOfDisparity(projection, spacing, earlier.frame, camera);
+    return pixelOfDisparity(projection, spacing, earlier.frame, camera, knowledge.baseline);
   };
   const cv::Mat own = ownErrorsOf({result.earlier, result.later, registered.flow, registered.confidence,
                                    pixelOf(result.earlier, knowledge.earlier), pixelOf(result.later, knowledge.later)});

@@ -16,6 +16,15 @@ using cortshift_stereo::surfaceFromPointCloud2;
 
 namespace {
 
+/// [m]; nothing where the stage does not hold both camera_infos or they do not say.
+std::optional<double> baselineOf(const StageRecord& stage) {
+  if (!stage.left_info || !stage.right_info) return std::nullopt;
+  const auto& P = stage.right_info->P;
+  const double baseline = -P[3] / P[0];
+  if (!std::isfinite(baseline) || baseline <= 0) return std::nullopt;
+  return baseline;
+}
+
 std::string named(const cortshift_msgs::StageInfo& stage) {
   if (stage.key.empty()) return "now";
   return "'" + stage.key + "' (epoch " + std::to_string(stage.epoch) + ")";
@@ -45,7 +54,7 @@ std::vector<std::string> warningsOf(const cortshift_msgs::StageInfo& from, const
   return warnings;
 }
 
-PairKnowledge knowledgeOf(const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to,
+PairKnowledge knowledgeOf(const StageRecord& from, const cortshift_msgs::StageInfo& to,
                           const SurroundSettings& settings, const std::vector<Region>& brain) {
   const auto camera = [&](const cortshift_msgs::StageInfo& stage) -> std::optional<PlacedCamera> {
     const geometry_msgs::Pose& pose = stage.camera_pose;
@@ -66,7 +75,9 @@ PairKnowledge knowledgeOf(const cortshift_msgs::StageInfo& from, const cortshift
                                0, settings.zoom->disparity_sd});
     return placed;
   };
-  return {camera(from), camera(to), brain};
+  PairKnowledge known{camera(from.info), camera(to), brain};
+  if (const auto baseline = baselineOf(from)) known.baseline = *baseline;  // both stages are of one calibration
+  return known;
 }
 
 std::vector<Region> Drawn::of(const std::map<std::string, std::vector<Region>>& regions, const std::string& key) {
@@ -103,11 +114,10 @@ StageShift computeStageShift(const StageStore& store, const std::string& from_ke
       throw TrackingError(*change + "; choose stages of one epoch, or ask for compute_shift_across_epochs");
     warnings.push_back(*change);
   }
-  StageShift shift{
-      earlier.info, later.info,
-      computeShift(surfaceFromPointCloud2(*earlier.surface), surfaceFromPointCloud2(*later.surface),
-                   {first_normal.of(store), gravity_pmr}, settings, Drawn::of(drawn.excluded, from_key),
-                   knowledgeOf(earlier.info, later.info, settings.surround, Drawn::of(drawn.brain, from_key)))};
+  StageShift shift{earlier.info, later.info,
+                   computeShift(surfaceFromPointCloud2(*earlier.surface), surfaceFromPointCloud2(*later.surface),
+                                {first_normal.of(store), gravity_pmr}, settings, Drawn::of(drawn.excluded, from_key),
+                                knowledgeOf(earlier, later.info, settings.surround, Drawn::of(drawn.brain, from_key)))};
   cortshift_stereo::addWarnings(warnings, warningsOf(earlier.info, later.info));
   cortshift_stereo::addWarnings(warnings, shift.result.summary.warnings);
   shift.result.summary.warnings = warnings;

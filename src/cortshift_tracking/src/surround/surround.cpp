@@ -148,11 +148,6 @@ Surround assessSurround(const DisplacementField& field, const PairKnowledge& kno
   const Matrix6 left = aboutCentre(fit->covariance, fit->centre, surround.centre);
   surround.transform = fit->transform;
 
-  double off = 0;
-  for (std::size_t i = 0; i < chosen.size(); ++i)
-    if (fit->shares[i] != 0) off += std::pow(residualOf(resting[i], fit->transform), 2) + chosen[i].spread;
-  surround.vector_sd = std::sqrt(off / static_cast<double>(fit->count));
-
   double squares = 0, worst = 0;
   for (const Piece& piece : pieces.all) {
     squares += motionAt(surround.motion, surround.centre, piece.place_pmr).squaredNorm();

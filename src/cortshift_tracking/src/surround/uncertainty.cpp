@@ -13,7 +13,6 @@ namespace cortshift_tracking {
 namespace {
 
 constexpr double kWorkingDistance = 0.3;  // [m] of a surgical microscope, where the camera's place is not known
-constexpr double kBaseline = 0.025;       // [m] of its stereo head
 constexpr double kMost = 0.01;            // [m] the search for a match does not reach further
 
 bool isVector(const DisplacementField& field, int row, int column) {
@@ -28,14 +27,14 @@ Eigen::Vector3d startAt(const DisplacementField& field, int row, int column) {
 }  // namespace
 
 double pixelOfDisparity(const Projection& projection, double spacing, const ProjectionFrame& frame,
-                        const std::optional<PlacedCamera>& camera) {
+                        const std::optional<PlacedCamera>& camera, double baseline) {
   double distance = kWorkingDistance;
   if (camera) {
     const Eigen::Vector3d middle(frame.resolution * frame.size.width / 2, frame.resolution * frame.size.height / 2,
                                  cv::mean(projection.height, projection.mask)[0]);
     distance = (frame.T_pmr_projection * middle - camera->T_pmr_camera.translation()).norm();
   }
-  return spacing * distance / kBaseline;
+  return spacing * distance / baseline;
 }
 
 cv::Mat ownErrorsOf(const Measured& measured) {

@@ -37,6 +37,12 @@ cortshift_msgs::StageInfo stageAt(double speed, double latency_sd) {
   return record.info;
 }
 
+StageRecord recordOf(const cortshift_msgs::StageInfo& info) {
+  StageRecord record;
+  record.info = info;
+  return record;
+}
+
 double shareOf(const std::vector<PoseErrorShare>& shares, const std::string& source) {
   for (const PoseErrorShare& share : shares)
     if (share.source == source) return sdAt(share.covariance, Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero());
@@ -46,11 +52,23 @@ double shareOf(const std::vector<PoseErrorShare>& shares, const std::string& sou
 
 TEST(PoseErrors, ALatencyCountsTimesTheSpeedAtTheCapture) {
   const cortshift_msgs::StageInfo still = stageAt(0, 0.020), moving = stageAt(0.010, 0.020);
-  const PairKnowledge knowledge = knowledgeOf(still, moving, {}, {});
+  const PairKnowledge knowledge = knowledgeOf(recordOf(still), moving, {}, {});
   ASSERT_TRUE(knowledge.earlier && knowledge.later);
   const auto shares = poseErrorShares(*knowledge.earlier, *knowledge.later, Eigen::Vector3d::Zero());
   EXPECT_NEAR(shareOf(shares, "latency of the tracker"), 0.0002, 1e-7);  // 20 ms at 10 mm/s
   EXPECT_NEAR(shareOf(shares, "tremble of the tracker"), 0, 1e-7);
+}
+
+TEST(PoseErrors, TheBaselineIsThatOfTheStagesCameras) {
+  StageRecord record = recordOf(stageAt(0, 0));
+  EXPECT_DOUBLE_EQ(knowledgeOf(record, record.info, {}, {}).baseline, 0.025);
+  sensor_msgs::CameraInfo info;
+  record.left_info = record.right_info = boost::make_shared<sensor_msgs::CameraInfo>(info);
+  EXPECT_DOUBLE_EQ(knowledgeOf(record, record.info, {}, {}).baseline, 0.025) << "they do not say";
+  info.P[0] = 2000;
+  info.P[3] = -2000 * 0.0052;
+  record.right_info = boost::make_shared<sensor_msgs::CameraInfo>(info);
+  EXPECT_NEAR(knowledgeOf(record, record.info, {}, {}).baseline, 0.0052, 1e-12);
 }
 
 TEST(PoseErrors, WithoutSamplesWhatIsStoredStays) {
@@ -101,10 +119,10 @@ TEST_F(Residuals, OfStereoCalibrationAndSettingsBecomeDepths) {
   reference.settings.magnification = reference.settings.focal_length = NAN;
   zoomed.settings.magnification = 1.2;
   zoomed.settings.focal_length = 0.3;
-  const PairKnowledge knowledge = knowledgeOf(reference, zoomed, known, {});
+  const PairKnowledge knowledge = knowledgeOf(recordOf(reference), zoomed, known, {});
   const auto shares = poseErrorShares(*knowledge.earlier, *knowledge.later, Eigen::Vector3d::Zero());
   EXPECT_NEAR(shareOf(shares, "zoom and focus"), 0.2 * 0.3 * 0.3 / (4000 * 0.025), 1e-9);  // 0.18 mm
-  const PairKnowledge same = knowledgeOf(reference, reference, known, {});
+  const PairKnowledge same = knowledgeOf(recordOf(reference), reference, known, {});
   for (const PoseErrorShare& share : poseErrorShares(*same.earlier, *same.later, Eigen::Vector3d::Zero()))
     EXPECT_NE(share.source, "zoom and focus") << "both stages are at the reference";
 }

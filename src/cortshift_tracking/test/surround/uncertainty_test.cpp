@@ -41,9 +41,10 @@ double ownOf(float first, float second, float match, double pixel) {
 
 TEST(Uncertainty, APixelOfDisparityIsLongerTheFartherTheCameraIs) {
   // With a baseline of 25 mm: 12 times the width of a pixel from 300 mm, 8 times from 200 mm.
-  EXPECT_NEAR(pixelOfDisparity(flat(1), kSpacing, frame(), cameraAt(0.3)), 0.0012, 1e-9);
-  EXPECT_NEAR(pixelOfDisparity(flat(1), kSpacing, frame(), cameraAt(0.2)), 0.0008, 1e-9);
-  EXPECT_NEAR(pixelOfDisparity(flat(1), kSpacing, frame(), std::nullopt), 0.0012, 1e-9);
+  EXPECT_NEAR(pixelOfDisparity(flat(1), kSpacing, frame(), cameraAt(0.3), 0.025), 0.0012, 1e-9);
+  EXPECT_NEAR(pixelOfDisparity(flat(1), kSpacing, frame(), cameraAt(0.2), 0.025), 0.0008, 1e-9);
+  EXPECT_NEAR(pixelOfDisparity(flat(1), kSpacing, frame(), std::nullopt, 0.025), 0.0012, 1e-9);
+  EXPECT_NEAR(pixelOfDisparity(flat(1), kSpacing, frame(), cameraAt(0.3), 0.005), 0.006, 1e-9) << "an endoscope's";
 }
 
 TEST(Uncertainty, AVectorsOwnErrorIsThatOfHeightsAndMatch) {

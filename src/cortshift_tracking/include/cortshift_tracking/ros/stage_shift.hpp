@@ -36,8 +36,9 @@ std::optional<std::string> changeBetween(const cortshift_msgs::StageInfo& earlie
 /// The warnings of both stages, each with its key; a surface that is no stage has none.
 std::vector<std::string> warningsOf(const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to);
 
-/// What the stages' records say about the pair. @param brain as drawn by hand on the earlier stage; empty: not drawn
-PairKnowledge knowledgeOf(const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to,
+/// What is known of the pair. @param from the earlier stage's record
+/// @param brain as drawn by hand on the earlier stage; empty: not drawn
+PairKnowledge knowledgeOf(const StageRecord& from, const cortshift_msgs::StageInfo& to,
                           const SurroundSettings& settings, const std::vector<Region>& brain);
 
 /// What people drew on stages, in each stage's projection frame, by its key.

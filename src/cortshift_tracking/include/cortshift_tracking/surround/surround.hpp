@@ -42,6 +42,7 @@ struct SurroundSettings {
 struct PairKnowledge {
   std::optional<PlacedCamera> earlier, later;  ///< empty: the cameras' poses are not known
   std::vector<Region> brain;  ///< as drawn by hand on the earlier stage, in its projection frame; empty: not drawn
+  double baseline = 0.025;    ///< of the stereo head [m]; that of surgical microscopes where none is known
 };
 
 enum class SurroundFinding {
@@ -62,10 +63,9 @@ struct Surround {
   Matrix6 covariance = Matrix6::Zero();  ///< what is left of it in the field
   double area = 0;                       ///< of the surround that was used [m^2]
   std::vector<PoseErrorShare> sources;   ///< what `tracking` is made of
-  double vector_sd = 0;               ///< root mean square error of single vectors, as seen on the surround [m]; 0: not
-  double size = 0;                    ///< root mean square length of the motion over the field [m]
-  std::string text;                   ///< for people: what was found and done
-  std::vector<std::string> warnings;  ///< what a person should know before believing the field
+  double size = 0;                       ///< root mean square length of the motion over the field [m]
+  std::string text;                      ///< for people: what was found and done
+  std::vector<std::string> warnings;     ///< what a person should know before believing the field
 };
 
 /// Judges a field. Nothing of it is changed.

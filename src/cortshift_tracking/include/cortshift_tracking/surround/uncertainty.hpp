@@ -20,9 +20,9 @@ struct Measured {
 };
 
 /// [m] that a pixel of disparity moves a point by: the width of a pixel on the surface times distance over baseline.
-/// @param spacing  [m] of neighbouring points  @param camera  empty: at the working distance
+/// @param spacing  [m] of neighbouring points  @param camera  empty: at the working distance  @param baseline  [m]
 double pixelOfDisparity(const Projection& projection, double spacing, const ProjectionFrame& frame,
-                        const std::optional<PlacedCamera>& camera);
+                        const std::optional<PlacedCamera>& camera, double baseline);
 
 /// CV_32FC1 [m] over the earlier image, root mean square length of each vector's own error: what the two surfaces and
 /// the image matching expect of themselves; 10 mm at most.

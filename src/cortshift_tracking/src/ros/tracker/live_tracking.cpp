@@ -124,6 +124,8 @@ cortshift_msgs::StageInfo LiveTracking::stateAt(const ros::Time& stamp) const {
 
 void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
   std::optional<Reference> reference;
+  StageRecord start;  // of it, without its images and points
+  start.info = from;
   std::vector<Region> excluded;  // in the reference
   unsigned long seen = 0;
   cv::Mat prediction;  // from the field before
@@ -134,6 +136,8 @@ void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
     const StageRecord record = case_.store.load(from.key);
     const std::lock_guard<std::mutex> guard(case_.computing);
     reference = prepareReference(cortshift_stereo::surfaceFromPointCloud2(*record.surface), settings_, regions);
+    start.left_info = record.left_info;
+    start.right_info = record.right_info;
     excluded = regions;
   };
   while (wanted_) {
@@ -149,7 +153,7 @@ void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
       const Directions directions = case_.directions();
       ShiftResult result =
           computeShift(*reference, cortshift_stereo::surfaceFromPointCloud2(*surface), directions, settings_,
-                       prediction, knowledgeOf(from, to, settings_.surround, case_.state.outlineOf(from)));
+                       prediction, knowledgeOf(start, to, settings_.surround, case_.state.outlineOf(from)));
       if (const auto status = feed_.statusOf(to.stamp)) to.warnings = status->warnings;
       cortshift_stereo::addWarnings(result.summary.warnings, warningsOf(from, to));
       prediction = predictionOf(result.flow, result.field.confidence);
