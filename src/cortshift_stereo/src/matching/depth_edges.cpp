@@ -20,6 +20,19 @@ constexpr float kUnlike = 20;      // [grey levels] a larger difference counts a
 constexpr float kPlainly = 0.7f;  // below this part of the other disparity's difference the right image decides: a thin
                                   // thing before its background
 
+/// CV_8UC1, 255 within kRim of a step.
+cv::Mat rimOfSteps(const cv::Mat& disparity) {
+  constexpr float kFar = 1e6f;
+  const cv::Mat known = disparity == disparity;
+  cv::Mat least = disparity.clone(), greatest = disparity.clone(), rim;
+  least.setTo(kFar, ~known);
+  greatest.setTo(-kFar, ~known);
+  cv::erode(least, least, cv::Mat());
+  cv::dilate(greatest, greatest, cv::Mat());
+  cv::dilate(greatest - least > kStep, rim, cv::Mat(2 * kRim + 1, 2 * kRim + 1, CV_8UC1, cv::Scalar(1)));
+  return rim & known;
+}
+
 /// What one pixel sees around it.
 class Judge {
  public:
@@ -92,23 +105,10 @@ class Judge {
 
 }  // namespace
 
-cv::Mat besideSteps(const cv::Mat& disparity, float step, int across, int reach) {
-  constexpr float kFar = 1e6f;
-  const cv::Mat known = disparity == disparity;
-  const auto square = [](int half) { return cv::Mat(2 * half + 1, 2 * half + 1, CV_8UC1, cv::Scalar(1)); };
-  cv::Mat least = disparity.clone(), greatest = disparity.clone(), beside;
-  least.setTo(kFar, ~known);
-  greatest.setTo(-kFar, ~known);
-  cv::erode(least, least, square(across));
-  cv::dilate(greatest, greatest, square(across));
-  cv::dilate(greatest - least > step, beside, square(reach));
-  return beside;
-}
-
 void settleDepthEdges(cv::Mat& disparity, const cv::Mat& left, const cv::Mat& right) {
   CV_Assert(disparity.type() == CV_32FC1 && left.type() == CV_8UC1 && right.type() == CV_8UC1);
   CV_Assert(left.size() == disparity.size() && right.size() == disparity.size());
-  const cv::Mat before = disparity.clone(), rim = besideSteps(before, kStep, 1, kRim) & (before == before);
+  const cv::Mat before = disparity.clone(), rim = rimOfSteps(before);
   cv::parallel_for_(cv::Range(0, disparity.rows), [&](const cv::Range& rows) {
     Judge judge(before, left, right);
     for (int y = rows.start; y < rows.end; ++y)

@@ -5,11 +5,6 @@
 
 namespace cortshift_stereo {
 
-/// CV_8UC1, 255 within `reach` of a place around which the disparities differ by more than `step`.
-/// @param disparity  CV_32FC1 [px], NaN where unknown
-/// @param across     [px] how far around: a strip that one camera does not see may part the two surfaces
-cv::Mat besideSteps(const cv::Mat& disparity, float step, int across, int reach);
-
 /// Corrects the rim of wrong disparity that matching by blocks leaves along edges of depth.
 ///
 /// Each pixel beside an edge takes two tests. On which surface do the pixels around it lie that look like it (weighted

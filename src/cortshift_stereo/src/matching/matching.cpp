@@ -41,24 +41,6 @@ double shareOfEdges(const cv::Mat& disparity) {
   return static_cast<double>(edges) / std::max(1, matched);
 }
 
-// Where half resolution cannot say on which of two surfaces a pixel lies, in its pixels.
-constexpr float kStepAcross = 3;  // of disparity; tissue that slopes by a third has 2 over kAcross on either side
-constexpr int kAcross = 3;
-constexpr int kBesideEdge = 8;  // the matcher's block, and what its penalties draw along
-
-/// Takes the disparity of half resolution, which averages noise, where that of full resolution fails and no edge of
-/// depth is near.
-void takeSmooth(cv::Mat& disparity, const cv::Mat& smooth, const cv::Mat& beside) {
-  constexpr float kMost = 2;           // a larger difference, or none that is known, counts as this [px]
-  constexpr float kFails = kMost / 2;  // in the mean: half of the pixels around have no disparity or another one
-  constexpr int kAround = 61;          // [px]
-  cv::Mat scatter = cv::min(cv::abs(disparity - smooth), kMost);
-  scatter.setTo(kMost, disparity != disparity);
-  scatter.setTo(0, smooth != smooth);
-  cv::boxFilter(scatter, scatter, -1, {kAround, kAround});
-  smooth.copyTo(disparity, (scatter > kFails) & ~beside & (smooth == smooth));
-}
-
 }  // namespace
 
 cv::Mat matchSemiGlobal(const cv::Mat& left, const cv::Mat& right, const SearchRange& range) {
@@ -103,20 +85,18 @@ cv::Mat matchSemiGlobal(const cv::Mat& left, const cv::Mat& right, const SearchR
 cv::Mat matchByStructure(const cv::Mat& left, const cv::Mat& right, const SearchRange& range) {
   constexpr double kManyEdges = 0.005;  // a cortex with sulci has 0.001, indoor scenes 0.02
   constexpr int kSmallestWidth = 640;   // below, full resolution is cheap
-  cv::Mat smooth, beside;               // from half resolution
   if (left.cols >= kSmallestWidth) {
     const auto [left_half, right_half] = reduced(left, right, 0.5);
+    cv::Mat disparity;
     const int start = static_cast<int>(std::floor(range.start / 2.0));
     const cv::Mat half = matchSemiGlobal(left_half, right_half, {start, start + roundUp((range.size() + 1) / 2)});
-    cv::resize(2 * half, smooth, left.size(), 0, 0, cv::INTER_NEAREST);
-    if (shareOfEdges(half) < kManyEdges) return smooth;
-    cv::Mat steady;  // a lone wrong match is no edge
-    cv::medianBlur(half, steady, 5);
-    cv::resize(besideSteps(steady, kStepAcross, kAcross, kBesideEdge), beside, left.size(), 0, 0, cv::INTER_NEAREST);
+    if (shareOfEdges(half) < kManyEdges) {
+      cv::resize(2 * half, disparity, left.size(), 0, 0, cv::INTER_NEAREST);
+      return disparity;
+    }
   }
   cv::Mat disparity = matchSemiGlobal(left, right, range);
   settleDepthEdges(disparity, left, right);
-  if (!smooth.empty()) takeSmooth(disparity, smooth, beside);
   return disparity;
 }
 
