@@ -3,7 +3,7 @@
 run it.
 
 usage: fit_trust.py fit TOOLS HEADER [SET]     fits on SET (default fit), writes HEADER, prints figures of that set
-       fit_trust.py report TOOLS [FOLDER]      how reliable the confidence is on the judging set; RubberWhale with FOLDER's truth
+       fit_trust.py report TOOLS SET [FOLDER]  how reliable the confidence is on SET (judge, choose); RubberWhale with FOLDER's truth
 TOOLS is the folder of flow_evidence, flow_pair and make_phantom.
 """
 import os
@@ -75,8 +75,8 @@ def fit(tools, header, which):
     header.write_text(trust_model.header(models, names, f'Fitted on the set "{which}" of benchmark/trust_pairs.py: {count} pairs.'))
 
 
-def judged_pairs(tools, folder, scratch):
-    for name, first, second, flow in trust_pairs.pairs('judge', str(tools / 'make_phantom'), scratch):
+def judged_pairs(tools, which, folder, scratch):
+    for name, first, second, flow in trust_pairs.pairs(which, str(tools / 'make_phantom'), scratch):
         kind = 'phantom ' + name.split()[1] if name.startswith('phantom') else name.split()[1]
         yield kind, first, second, flow
     truth = pathlib.Path(folder) / 'rubberwhale' / 'flow_gt.flo' if folder else None
@@ -85,7 +85,7 @@ def judged_pairs(tools, folder, scratch):
                trust_pairs.read_flow(truth))
 
 
-def report(tools, folder):
+def report(tools, which, folder):
     """Prints a table by kind of disturbance and the reliability diagram over all."""
     found = {}
 
@@ -101,10 +101,10 @@ def report(tools, folder):
             known = np.isfinite(error)
             return kind, 1 - cv2.imread(paths[3], cv2.IMREAD_UNCHANGED)[known].astype(float) / 255, error[known]
     with tempfile.TemporaryDirectory() as scratch:
-        for kind, wrong, error in ThreadPool(os.cpu_count()).imap(judge, judged_pairs(tools, folder, scratch)):
+        for kind, wrong, error in ThreadPool(os.cpu_count()).imap(judge, judged_pairs(tools, which, folder, scratch)):
             found.setdefault(kind, []).append((wrong, error))
-    print('| judging set | median / mean px | wrong by 0.5 px | of these flagged | right to 0.1 px and kept | reported: wrong by '
-          '0.5 px | by 0.25 px | promised | confidently wrong, of all |\n' + '| --- ' * 9 + '|')
+    print(f'| {"judging" if which == "judge" else which} set | median / mean px | wrong by 0.5 px | of these flagged | right to 0.1 px and '
+          'kept | reported: wrong by 0.5 px | by 0.25 px | promised | confidently wrong, of all |\n' + '| --- ' * 9 + '|')
     joined = {kind: tuple(np.concatenate(part) for part in zip(*parts)) for kind, parts in found.items()}
     photographs = [value for kind, value in joined.items() if kind != 'RubberWhale' and not kind.startswith('phantom')]
     joined['all photographs'] = tuple(np.concatenate(part) for part in zip(*photographs))
@@ -126,8 +126,8 @@ def main():
     cv2.setNumThreads(1)
     if len(arguments) in (3, 4) and arguments[0] == 'fit':
         fit(pathlib.Path(arguments[1]), pathlib.Path(arguments[2]), arguments[3] if len(arguments) == 4 else 'fit')
-    elif len(arguments) in (2, 3) and arguments[0] == 'report':
-        report(pathlib.Path(arguments[1]), arguments[2] if len(arguments) == 3 else '')
+    elif len(arguments) in (3, 4) and arguments[0] == 'report' and arguments[2] in trust_pairs.PHOTOGRAPHS:
+        report(pathlib.Path(arguments[1]), arguments[2], arguments[3] if len(arguments) == 4 else '')
     else:
         sys.exit(__doc__)
 
