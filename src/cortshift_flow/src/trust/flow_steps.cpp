@@ -6,9 +6,9 @@
 namespace cortshift_flow {
 namespace {
 
-// Boundaries are found to about this [px]. Chosen among 1 to 4 on the set "choose" of benchmark/trust_pairs.py
-// (fit_trust.py report TOOLS choose): the wider, the more of the wrong vectors are flagged; of the right ones 97.0 % are
-// kept without it, 96.9 % with 3 and 96.7 % with 4.
+// Boundaries are found to about this [px]. Chosen among 1 to 4 on the set "choose" of benchmark/trust_pairs.py by
+// `fit_trust.py report TOOLS choose`: the wider, the more of the wrong vectors are flagged; of the right ones 97.0 %
+// are kept without it, 96.9 % with 3 and 96.7 % with 4.
 constexpr int kReach = 3;
 constexpr float kEitherSide = 0.5f;  // of the step: both sides are as likely
 
