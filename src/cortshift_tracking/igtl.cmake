@@ -48,6 +48,6 @@ if(CATKIN_ENABLE_TESTING)
   target_compile_options(igtl_fuzz_test PRIVATE -fsanitize=address,undefined -fno-sanitize-recover=all)
 
   foreach(test field tools peers)
-    cortshift_test(igtl_${test}_test rostest graph 900 FILES test/igtl/igtl_${test}.test DEPENDS igtl_bridge)
+    cortshift_test(igtl_${test}_test rostest graph 900 FILES test/igtl/igtl_${test}.test DEPENDS igtl_bridge WAITS)
   endforeach()
 endif()

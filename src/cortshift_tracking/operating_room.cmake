@@ -23,8 +23,10 @@ catkin_install_python(PROGRAMS examples/first_shift.py DESTINATION ${CATKIN_PACK
 if(CATKIN_ENABLE_TESTING)
   find_package(rostest REQUIRED)
   cortshift_test(recording_test gmock quick 60 FILES test/ros/recording/recording_test.cpp LIBRARIES ${PROJECT_NAME}_recording)
-  foreach(test console/console graph/pose_discipline graph/tracker_faults theatre/any_node_dies theatre/launched
-      theatre/recorder)
+  foreach(test launched recorder)
+    cortshift_test(${test}_test rostest graph 900 FILES test/theatre/${test}.test DEPENDS shift_tracker record_parts igtl_bridge WAITS)
+  endforeach()
+  foreach(test console/console graph/pose_discipline graph/tracker_faults theatre/any_node_dies)
     get_filename_component(name ${test}_test NAME)
     cortshift_test(${name} rostest graph 900 FILES test/${test}.test DEPENDS shift_tracker field_error record_parts igtl_bridge)
   endforeach()

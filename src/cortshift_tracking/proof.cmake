@@ -20,7 +20,7 @@ if(CATKIN_ENABLE_TESTING)
   endforeach()
   cortshift_test(deidentify_test pytest long 1200 FILES test/deidentify/deidentify_test.py DEPENDS process_bag recompute)
   cortshift_test(brain_model_test rostest graph 900 FILES test/model/brain_model.test)
-  cortshift_test(probe_node_test rostest graph 900 FILES test/probe/probe_node.test)
+  cortshift_test(probe_node_test rostest graph 900 FILES test/probe/probe_node.test WAITS)
   cortshift_test(demo_test pytest graph 1200 FILES test/graph/demo_test.py DEPENDS shift_tracker field_error)
   cortshift_test(demo_case_test rostest graph 900 FILES test/graph/demo_case.test DEPENDS shift_tracker field_error)
   # The order of the house: who includes whom, sizes, names, and that each test is run by what CMake wrote.

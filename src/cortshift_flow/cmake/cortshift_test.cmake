@@ -1,17 +1,19 @@
 # How every package declares a test:
 #
-#   cortshift_test(NAME KIND LABEL SECONDS FILES FILE... [LIBRARIES TARGET...] [DEPENDS TARGET...] [ENVIRONMENT NAME=VALUE...])
+#   cortshift_test(NAME KIND LABEL SECONDS FILES FILE... [LIBRARIES TARGET...] [DEPENDS TARGET...] [ENVIRONMENT NAME=VALUE...] [WAITS])
 #
 # KIND     gmock: FILES are C++ sources; the executable NAME is linked to LIBRARIES.
 #          pytest: FILES are Python; ENVIRONMENT is set for them.
 #          rostest: FILES are a launch file and, for a test in C++, the sources of the executable NAME.
-# LABEL    quick: no graph, a few seconds; graph: needs a ROS master, one runs at a time; long: no graph, but slow.
+# LABEL    quick: no graph, a few seconds; graph: needs a ROS master; long: no graph, but slow.
 # SECONDS  after which the test and all that it started are killed: far above what it takes, since others may load the machine.
 # DEPENDS  what must be built first.
+# WAITS    of a graph: most of its time passes in waiting (a recording that plays, a peer that is silent). Of the other graphs, whose
+#          nodes share the cores, one runs at a time; this one runs beside them.
 #
 # cortshift_flow exports this file, since it is the package that every other one knows.
 function(cortshift_test name kind label seconds)
-  cmake_parse_arguments(ARG "" "" "FILES;LIBRARIES;DEPENDS;ENVIRONMENT" ${ARGN})
+  cmake_parse_arguments(ARG "WAITS" "" "FILES;LIBRARIES;DEPENDS;ENVIRONMENT" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS OR NOT ARG_FILES)
     message(FATAL_ERROR "cortshift_test(${name}): no FILES, or arguments that it does not know: ${ARG_UNPARSED_ARGUMENTS}")
   endif()
@@ -20,6 +22,9 @@ function(cortshift_test name kind label seconds)
   endif()
   if(kind STREQUAL "rostest" AND NOT label STREQUAL "graph")
     message(FATAL_ERROR "cortshift_test(${name}): a test with a ROS master is labelled graph, not ${label}")
+  endif()
+  if(ARG_WAITS AND NOT label STREQUAL "graph")
+    message(FATAL_ERROR "cortshift_test(${name}): WAITS is said of graphs; all others run beside each other anyway")
   endif()
 
   set(entry _ctest_${PROJECT_NAME}_${kind}_${name})   # as catkin names it
@@ -57,7 +62,14 @@ function(cortshift_test name kind label seconds)
     add_dependencies(${built} ${ARG_DEPENDS})
   endif()
   set_tests_properties(${entry} PROPERTIES LABELS ${label} TIMEOUT ${seconds})
-  if(label STREQUAL "graph")
-    set_tests_properties(${entry} PROPERTIES RESOURCE_LOCK graph)
+  # The graphs that run one at a time come first, so that nobody waits for them at the end; what is short fills the gaps.
+  if(label STREQUAL "graph" AND NOT ARG_WAITS)
+    set_tests_properties(${entry} PROPERTIES RESOURCE_LOCK graph COST 4)
+  elseif(label STREQUAL "long")
+    set_tests_properties(${entry} PROPERTIES COST 3)
+  elseif(label STREQUAL "graph")
+    set_tests_properties(${entry} PROPERTIES COST 2)
+  else()
+    set_tests_properties(${entry} PROPERTIES COST 1)
   endif()
 endfunction()

@@ -53,6 +53,7 @@ def test_a_test_that_hangs_is_killed_with_what_it_started(tmp_path):
     ('t pytest quick 0 FILES t.py', "not 'quick' '0'"),
     ('t nosetests quick 5 FILES t.py', "kind 'nosetests' is none of"),
     ('t rostest quick 5 FILES t.test', 'labelled graph, not quick'),
+    ('t pytest quick 5 FILES t.py WAITS', 'WAITS is said of graphs'),
     ('t pytest quick 5', 'no FILES')])
 def test_a_declaration_that_lacks_something_is_refused(tmp_path, arguments, complaint):
     script = tmp_path / 'declare.cmake'

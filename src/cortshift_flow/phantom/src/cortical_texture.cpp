@@ -1,6 +1,7 @@
 #include "cortshift_flow_phantom/cortical_texture.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "cortshift_flow/vectorised.hpp"
@@ -13,6 +14,7 @@ constexpr double kCell = 0.001;             // side of an index cell [m]
 constexpr double kStep = 0.0004;            // length of a vessel segment [m]
 constexpr double kSmallestRadius = 0.0001;  // [m]
 constexpr double kWallSoftness = 0.00004;   // half width of a vessel's edge [m]
+constexpr double kSurely = 1 + 1e-9;        // what is further off by this factor is so in spite of rounding
 constexpr double kGyralWavelength = 0.021;  // [m]
 constexpr double kSulcusWidth = 0.16;       // in units of the gyral field, which spans about -1...1
 
@@ -32,27 +34,25 @@ double smoothStep(double low, double high, double value) {
   return t * t * t * (t * (6.0 * t - 15.0) + 10.0);
 }
 
-double latticeGradient(std::int64_t ix, std::int64_t iy, std::uint64_t seed, double fx, double fy) {
-  const std::uint64_t h = mix(static_cast<std::uint64_t>(ix) * 0x9e3779b97f4a7c15ULL ^
-                              static_cast<std::uint64_t>(iy) * 0xc2b2ae3d27d4eb4fULL ^ seed);
-  constexpr double d = 0.7071067811865476;
-  static constexpr double directions[8][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {d, d}, {-d, d}, {d, -d}, {-d, -d}};
-  const double* g = directions[h >> 61];
-  return g[0] * fx + g[1] * fy;
-}
+// Gradient noise with quintic interpolation (twice differentiable), about -0.7...0.7, one lattice cell per unit, in
+// octaves from 5 mm down to 0.31 mm: coarse blotches carry the pyramid, fine grain the sub-pixel fit.
+constexpr std::array<double, 5> kWeights = {0.9, 0.7, 0.65, 0.6, 0.55};
+constexpr std::array<double, 5> kFrequencies = {200, 400, 800, 1600, 3200};  // [1/m]
+using Octaves = std::array<double, kWeights.size()>;
 
-/// Gradient noise with quintic interpolation (twice differentiable), about -0.7...0.7, one lattice cell per unit.
-double gradientNoise(double x, double y, std::uint64_t seed) {
-  const double bx = std::floor(x), by = std::floor(y);
-  const auto ix = static_cast<std::int64_t>(bx), iy = static_cast<std::int64_t>(by);
-  const double fx = x - bx, fy = y - by;
-  const double sx = smoothStep(0, 1, fx), sy = smoothStep(0, 1, fy);
-  const double a = latticeGradient(ix, iy, seed, fx, fy), b = latticeGradient(ix + 1, iy, seed, fx - 1, fy);
-  const double c = latticeGradient(ix, iy + 1, seed, fx, fy - 1),
-               e = latticeGradient(ix + 1, iy + 1, seed, fx - 1, fy - 1);
-  const double top = a + sx * (b - a), bottom = c + sx * (e - c);
-  return top + sy * (bottom - top);
-}
+/// Where a coordinate lies in the lattice of each octave.
+struct LatticePlace {
+  explicit LatticePlace(double coordinate) {
+    for (std::size_t i = 0; i < kFrequencies.size(); ++i) {
+      const double scaled = coordinate * kFrequencies[i];
+      below[i] = std::floor(scaled);
+      const double t = after[i] = scaled - below[i];
+      before[i] = t - 1;
+      step[i] = t * t * t * (t * (6.0 * t - 15.0) + 10.0);
+    }
+  }
+  Octaves below, after, before, step;  // node below; distance from it and from the next one; share of the next one
+};
 
 cv::Vec3d blend(const cv::Vec3d& under, const cv::Vec3d& over, double opacity) {
   return under * (1.0 - opacity) + over * opacity;
@@ -69,6 +69,8 @@ CorticalTexture::CorticalTexture(const Settings& settings)
     gyral_waves_.set(i, 2 * kPi / wavelength * std::cos(direction), 2 * kPi / wavelength * std::sin(direction),
                      2 * kPi * uniform(random_state_));
   }
+  for (std::size_t octave = 0; octave < noise_seeds_.size(); ++octave)
+    noise_seeds_[octave] = mix(settings_.seed * 31ULL + octave);
   growVessels();
   indexSegments();
 }
@@ -86,6 +88,11 @@ double CorticalTexture::gyralField(double x, double y, double* dx, double* dy) c
   *dx = sum_x * scale;
   *dy = sum_y * scale;
   return value * scale;
+}
+
+CORTSHIFT_VECTORISED
+double CorticalTexture::gyralValue(double x, double y) const {
+  return gyral_waves_.sum(x, y) * (1.0 / std::sqrt(0.5 * static_cast<double>(gyral_waves_.size())));
 }
 
 Relief CorticalTexture::relief(double x, double y) const {
@@ -129,7 +136,8 @@ void CorticalTexture::growVessel(double x, double y, double heading, double radi
     turn = 0.9 * turn + 0.05 * (2 * uniform(random_state_) - 1) - 0.004 * std::sin(heading - first_heading);
     heading += turn;
     const double nx = x + kStep * std::cos(heading), ny = y + kStep * std::sin(heading), thinner = radius * taper;
-    segments_.push_back({x, y, radius, nx, ny, thinner, vein});
+    const double reach = 0.5 * kStep + std::max(radius, thinner) + kWallSoftness;
+    segments_.push_back({0.5 * (x + nx), 0.5 * (y + ny), kSurely * reach * reach, x, y, radius, nx, ny, thinner, vein});
     x = nx;
     y = ny;
     radius = thinner;
@@ -162,13 +170,32 @@ void CorticalTexture::indexSegments() {
 
 CORTSHIFT_VECTORISED
 double CorticalTexture::tissueNoise(double x, double y) const {
-  // Octaves from 5 mm down to 0.31 mm: coarse blotches carry the pyramid, fine grain the sub-pixel fit.
-  constexpr std::array<double, 5> weights = {0.9, 0.7, 0.65, 0.6, 0.55};
-  double value = 0, frequency = 1.0 / 0.005;
-  for (std::size_t octave = 0; octave < weights.size(); ++octave) {
-    value += weights[octave] * gradientNoise(x * frequency, y * frequency, mix(settings_.seed * 31ULL + octave));
-    frequency *= 2;
+  constexpr double d = 0.7071067811865476;
+  static constexpr double kDirections[8][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {d, d}, {-d, d}, {d, -d}, {-d, -d}};
+  constexpr std::uint64_t kAlongX = 0x9e3779b97f4a7c15ULL, kAlongY = 0xc2b2ae3d27d4eb4fULL;
+  const LatticePlace u(x), v(y);
+  // Gradients at the nodes: before and after in x, then the same in the next row.
+  std::array<Octaves, 4> gx, gy;
+  for (std::size_t i = 0; i < kWeights.size(); ++i) {
+    const std::uint64_t hx = static_cast<std::uint64_t>(static_cast<std::int64_t>(u.below[i])) * kAlongX;
+    const std::uint64_t hy = static_cast<std::uint64_t>(static_cast<std::int64_t>(v.below[i])) * kAlongY;
+    for (std::size_t node = 0; node < gx.size(); ++node) {
+      const double* gradient =
+          kDirections[mix((hx + node % 2 * kAlongX) ^ (hy + node / 2 * kAlongY) ^ noise_seeds_[i]) >> 61];
+      gx[node][i] = gradient[0];
+      gy[node][i] = gradient[1];
+    }
   }
+  Octaves noise;
+  for (std::size_t i = 0; i < kWeights.size(); ++i) {
+    const double a = gx[0][i] * u.after[i] + gy[0][i] * v.after[i], b = gx[1][i] * u.before[i] + gy[1][i] * v.after[i];
+    const double c = gx[2][i] * u.after[i] + gy[2][i] * v.before[i],
+                 e = gx[3][i] * u.before[i] + gy[3][i] * v.before[i];
+    const double top = a + u.step[i] * (b - a), bottom = c + u.step[i] * (e - c);
+    noise[i] = top + v.step[i] * (bottom - top);
+  }
+  double value = 0;
+  for (std::size_t i = 0; i < kWeights.size(); ++i) value += kWeights[i] * noise[i];
   return value;
 }
 
@@ -180,6 +207,7 @@ double CorticalTexture::vesselHalfThickness(double x, double y) const {
   double square = 0;
   for (const int index : cells_[static_cast<std::size_t>(cy) * cells_per_side_ + cx]) {
     const Segment& s = segments_[static_cast<std::size_t>(index)];
+    if (s.isFarFrom(x, y)) continue;
     const double ax = s.x1 - s.x0, ay = s.y1 - s.y0;
     const double t = std::clamp(((x - s.x0) * ax + (y - s.y0) * ay) / (ax * ax + ay * ay), 0.0, 1.0);
     const double radius = s.r0 + t * (s.r1 - s.r0), distance = std::hypot(x - s.x0 - t * ax, y - s.y0 - t * ay);
@@ -189,8 +217,7 @@ double CorticalTexture::vesselHalfThickness(double x, double y) const {
 }
 
 cv::Vec3f CorticalTexture::colour(double x, double y) const {
-  double gx, gy;
-  const double g = gyralField(x, y, &gx, &gy);
+  const double g = gyralValue(x, y);
   return paint(x, y, std::exp(-g * g / (2 * kSulcusWidth * kSulcusWidth)));
 }
 
@@ -215,10 +242,13 @@ cv::Vec3f CorticalTexture::paint(double x, double y, double valley) const {
   double vein = 0, artery = 0, lumen = 0;
   for (const int index : cells_[static_cast<std::size_t>(cy) * cells_per_side_ + cx]) {
     const Segment& s = segments_[static_cast<std::size_t>(index)];
+    if (s.isFarFrom(x, y)) continue;
     const double ax = s.x1 - s.x0, ay = s.y1 - s.y0;
     const double t = std::clamp(((x - s.x0) * ax + (y - s.y0) * ay) / (ax * ax + ay * ay), 0.0, 1.0);
-    const double distance = std::hypot(x - s.x0 - t * ax, y - s.y0 - t * ay);
-    const double radius = s.r0 + t * (s.r1 - s.r0);
+    const double radius = s.r0 + t * (s.r1 - s.r0), reach = radius + kWallSoftness;
+    const double dx = x - s.x0 - t * ax, dy = y - s.y0 - t * ay;
+    if (dx * dx + dy * dy > kSurely * reach * reach) continue;
+    const double distance = std::hypot(dx, dy);
     const double opacity = 1.0 - smoothStep(radius - kWallSoftness, radius + kWallSoftness, distance);
     if (opacity <= 0) continue;
     double& kind = s.vein ? vein : artery;

@@ -219,6 +219,13 @@ double PhantomScene::rimDistance(const ScalarField& rim) const {
   return (1 - rim.value) / std::max(slope, 1 / (2 * craniotomy_.smallestHalfAxis()));
 }
 
+bool PhantomScene::isInside(const ScalarField& rim, double distance) const {
+  constexpr double kSurely = 1 + 1e-9;  // in spite of rounding
+  const double gap = 1 - rim.value, least = 1 / (2 * craniotomy_.smallestHalfAxis());
+  const double square = std::max(rim.dx * rim.dx + rim.dy * rim.dy, least * least);
+  return gap > 0 && gap * gap > kSurely * distance * distance * square;
+}
+
 void PhantomScene::checkFolds(int stage) const {
   // The surface must stay one sheet over the brain's plane: in-plane Jacobian positive everywhere.
   constexpr double kReach = 0.07, kStep = 0.0005;

@@ -61,7 +61,9 @@ SurfacePaint::SurfacePaint(const PhantomScene& scene, int stage) : scene_(scene)
 CORTSHIFT_VECTORISED
 cv::Vec3f SurfacePaint::rim(double x, double y, double outside) const {
   static const Pattern kCoarse(0.004, 11), kFine(0.0009, 12), kSeams(0.008, 13);
-  const double edge = outside + 0.0003 * kSeams(x, y);  // no seam is a perfect line
+  constexpr double kUneven = 0.0003, kMost = 4;  // no seam is a perfect line; a pattern is 7 / sqrt(3.5) at most
+  const bool all_drape = outside > kBoneWidth + kSeam + kMost * kUneven;
+  const double edge = all_drape ? outside : outside + kUneven * kSeams(x, y);
   const double drape_share = smoothStep((edge - kBoneWidth) / (2 * kSeam) + 0.5);
   cv::Vec3f inner(0, 0, 0), drape(0, 0, 0);
   if (drape_share < 1) inner = duraOrBone(edge, kCoarse(x, y), kFine(x, y));
@@ -78,8 +80,8 @@ cv::Vec3f SurfacePaint::rim(double x, double y, double outside) const {
 }
 
 Paint SurfacePaint::at(double x, double y, const SurfaceSample& surface) const {
-  const double inside = scene_.rimDistance(surface.rim);
   Paint paint{{0, 0, 0}, 1.0F};
+  const double inside = scene_.isInside(surface.rim, kSeam) ? kSeam : scene_.rimDistance(surface.rim);
   const double rim_share = smoothStep(0.5 - inside / (2 * kSeam));
   if (rim_share < 1) {
     if (scene_.picture() != nullptr)

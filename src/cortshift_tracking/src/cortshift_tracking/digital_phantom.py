@@ -39,17 +39,21 @@ def phantom_errors(flow, truth, craniotomy, core, patch):
                          float(error[craniotomy].mean()))
 
 
-def measure(case, preset, seed=1):
-    """PhantomErrors of one preset of cortshift_flow on the phantom `case` ('outward' or 'inward')."""
+def measure(case, presets, seed=1):
+    """PhantomErrors of each preset of cortshift_flow, by its name, on the phantom `case` ('outward' or 'inward')."""
+    errors = {}
     with tempfile.TemporaryDirectory() as folder:
         run_flow_tool('make_phantom', case, folder, str(seed))
         at = {name: os.path.join(folder, name) for name in ('first.png', 'second.png', 'flow.flo', 'settings.yaml')}
-        with open(at['settings.yaml'], 'w', encoding='utf-8') as file:
-            file.write(f'%YAML:1.0\n---\npreset: {preset}\n')
-        run_flow_tool('flow_pair', at['first.png'], at['second.png'], at['flow.flo'], '--settings', at['settings.yaml'])
         masks = [cv2.imread(os.path.join(folder, f'{name}.png'), cv2.IMREAD_GRAYSCALE) > 0 for name in
                  ('craniotomy', 'core', 'patch')]
-        return phantom_errors(read_flo(at['flow.flo']), read_flo(os.path.join(folder, 'truth.flo')), *masks)
+        truth = read_flo(os.path.join(folder, 'truth.flo'))
+        for preset in presets:
+            with open(at['settings.yaml'], 'w', encoding='utf-8') as file:
+                file.write(f'%YAML:1.0\n---\npreset: {preset}\n')
+            run_flow_tool('flow_pair', at['first.png'], at['second.png'], at['flow.flo'], '--settings', at['settings.yaml'])
+            errors[preset] = phantom_errors(read_flo(at['flow.flo']), truth, *masks)
+    return errors
 
 
 def table(presets=('default', 'ji2014'), seed=1):
@@ -57,8 +61,7 @@ def table(presets=('default', 'ji2014'), seed=1):
     lines = [f'{"case":8} {"flow":10} {"core median":>12} {"95th pct":>9} {"< 0.05 px":>10} {"rim band > 0.5 px":>18} '
              f'{"patch largest":>14} {"whole mean":>11}']
     for case, paper in PAPER.items():
-        for preset in presets:
-            e = measure(case, preset, seed)
+        for preset, e in measure(case, presets, seed).items():
             lines.append(f'{case:8} {preset:10} {e.core_median:9.4f} px {e.core_percentile_95:6.3f} px {100 * e.share_below_005:8.1f} %'
                          f' {e.rim_band:15.1f} px {e.patch_largest:11.2f} px {e.craniotomy_mean:8.3f} px')
         largest = f'{paper["patch_largest"]:11.2f} px' if paper['patch_largest'] is not None else f'{"-":>14}'

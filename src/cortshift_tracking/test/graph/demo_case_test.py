@@ -23,6 +23,7 @@ from cortshift_tracking.report.validation import compare_pair, surface_accuracy
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 from graph import ShiftTracker  # noqa: E402
+from programs import program  # noqa: E402
 
 CASE = os.path.join(rospkg.RosPack().get_path('cortshift_tracking'), '..', '..', 'config', 'phantom', 'phantom_case.yaml')
 PROBE_NOISE = 0.0003  # [m]
@@ -30,7 +31,7 @@ MEDIAN_NOISE = PROBE_NOISE * np.sqrt(np.pi / 2 / 20)  # of the median of some 20
 
 
 def tool(package, name, *arguments, text=None):
-    return subprocess.run(['rosrun', package, name, *arguments], input=text, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    return subprocess.run([program(name, package), *arguments], input=text, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                           universal_newlines=True, check=False)
 
 

@@ -14,6 +14,7 @@ from cortshift_tracking.mr.reader import load_volume
 from cortshift_tracking.mr.registration import register_to_mr
 from cortshift_tracking.mr.volume import Volume
 from phantom_mr import CASE, Section, ShiftError, another_head, describe, inside_rim, phantom_mr, reconstructed, tool
+from programs import program
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
@@ -107,7 +108,7 @@ def test_distance_to_the_cortex_is_that_of_geometry():
 
 
 def test_mr_that_fills_the_memory_is_refused(folder):
-    run = subprocess.run(['rosrun', 'cortshift_stereo', 'phantom_mr', CASE, str(folder / 'huge.nii'), '--voxel', '0.2'],
+    run = subprocess.run([program('phantom_mr', 'cortshift_stereo'), CASE, str(folder / 'huge.nii'), '--voxel', '0.2'],
                          stderr=subprocess.PIPE, universal_newlines=True, check=False)
     assert run.returncode == 1 and 'voxels a side, allowed are 800' in run.stderr and not (folder / 'huge.nii').exists()
 

@@ -14,6 +14,7 @@ from cortshift_tracking.case.messages import cloud_arrays
 import recorded_cases as cases
 from graph import field_arrays
 from offline_tools import read_field, run_tool
+from programs import program
 
 SHIFT = ':'.join(cases.STAGES)
 FIELD = '__'.join(cases.STAGES) + '.bag'
@@ -137,9 +138,8 @@ def test_damaged_everywhere(recorded, tmp_path):
         start = int(random.integers(13, len(data) - 2000)) if n % 2 else len(data) - int(random.integers(100, 4000))
         data[start:start + 40] = random.bytes(40)
         (tmp_path / 'x.bag').write_bytes(data)
-        done = subprocess.run(['rosrun', 'cortshift_tracking', 'process_bag', str(tmp_path / 'x.bag'), '--capture', *cases.CAPTURES,
-                               '--shift', SHIFT, '--output', str(tmp_path / f'out{n}'), '--config', cases.CONFIG], stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, universal_newlines=True, check=False)
+        done = subprocess.run([program('process_bag'), tmp_path / 'x.bag', '--capture', *cases.CAPTURES, '--shift', SHIFT, '--output',
+                               tmp_path / f'out{n}', '--config', cases.CONFIG], capture_output=True, text=True, check=False)
         if done.returncode == 0:
             field = read_field(tmp_path / f'out{n}' / FIELD)
             if (field.from_stamp, field.to_stamp) == (whole.from_stamp, whole.to_stamp):

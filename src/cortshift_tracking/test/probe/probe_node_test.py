@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 from graph import wait_until  # noqa: E402
+from programs import program  # noqa: E402
 
 T_PMR_REFERENCE = np.array([0.021, -0.113, 0.047]), Rotation.from_rotvec([0.2, 2.9, -0.6])
 NOISE = 0.0003  # [m]
@@ -213,7 +214,7 @@ class ProbeNode(unittest.TestCase):
             for key in ('case', 'window', 'wind'):
                 if rospy.has_param(f'/probe_bad/{key}'):
                     rospy.delete_param(f'/probe_bad/{key}')
-            run = subprocess.run(['rosrun', 'cortshift_tracking', 'probe', '__name:=probe_bad'] + arguments, stdout=subprocess.PIPE,
+            run = subprocess.run([program('probe'), '__name:=probe_bad'] + arguments, stdout=subprocess.PIPE,
                                  stderr=subprocess.STDOUT, universal_newlines=True, timeout=60)
             self.assertEqual(run.returncode, 1, run.stdout)
             self.assertIn(reason, run.stdout)

@@ -13,6 +13,7 @@ from cortshift_msgs.msg import DisplacementField
 from cortshift_msgs.srv import (CaptureMeanStage, CaptureStage, ComputeShift, DeleteStage, ExcludeRegions, ListStages,
                                 SetGravity, SetOutline, TrackShift)
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from programs import program
 from rosgraph_msgs.msg import Clock
 
 SERVICES = {'capture_stage': CaptureStage, 'capture_mean_stage': CaptureMeanStage, 'compute_shift': ComputeShift,
@@ -65,7 +66,7 @@ def error_of_phantom_field(case, from_stage, to_stage, field, folder):
     path = os.path.join(folder, f'{field.from_key}__{field.to_key}.bag')
     with rosbag.Bag(path, 'w') as bag:
         bag.write('/shift/field', field, field.header.stamp)
-    output = subprocess.run(['rosrun', 'cortshift_tracking', 'field_error', '--case', case, '--from', from_stage, '--to',
+    output = subprocess.run([program('field_error'), '--case', case, '--from', from_stage, '--to',
                              to_stage, path], check=True, capture_output=True, text=True).stdout
     print(f'{from_stage} -> {to_stage}:', output.replace('\n', '; '))
     return {name: float(value) for name, value in (line.split(': ') for line in output.splitlines())}
@@ -127,7 +128,7 @@ class TrackerProcess:
             rospy.delete_param('/shift_tracker')
         for name, value in parameters.items():
             rospy.set_param(f'/shift_tracker/{name}', value)
-        self._process = subprocess.Popen(['rosrun', 'cortshift_tracking', 'shift_tracker'])
+        self._process = subprocess.Popen([program('shift_tracker')])
         return ShiftTracker()
 
     def is_running(self):

@@ -4,6 +4,8 @@ import subprocess
 
 import rosbag
 
+from programs import program
+
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 PHANTOM_BAG = str(ROOT / 'bags/phantom_case.bag')
 PHANTOM_CASE = str(ROOT / 'config/phantom/phantom_case.yaml')
@@ -11,7 +13,7 @@ PHANTOM_CASE = str(ROOT / 'config/phantom/phantom_case.yaml')
 
 def run_tool(name, *arguments, package='cortshift_tracking', status=0):
     """Run a tool of the workspace. Returns (stdout, stderr). Raises AssertionError where it ends with another status."""
-    done = subprocess.run(['rosrun', package, name, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    done = subprocess.run([program(name, package), *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                           universal_newlines=True, check=False)
     assert done.returncode == status, f'{name} ended with {done.returncode}:\n{done.stdout}\n{done.stderr}'
     return done.stdout, done.stderr

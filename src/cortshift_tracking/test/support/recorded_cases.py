@@ -10,6 +10,7 @@ import rosbag
 import yaml
 
 from offline_tools import ROOT, run_tool
+from programs import program
 
 CONFIG = str(ROOT / 'src/cortshift_tracking/test/support/coarse_config')   # in keeping with small images
 STAGES = ('dural_opening', 'after_resection')
@@ -125,7 +126,7 @@ def cost(bag, *arguments, output=None):
     """What process_bag costs: {'seconds': wall time, 'memory': peak [bytes], 'read': from files [bytes]}."""
     with tempfile.TemporaryDirectory() as scratch:
         begin = time.monotonic()
-        process = subprocess.Popen(['rosrun', 'cortshift_tracking', 'process_bag', bag, *map(str, arguments), '--output',
+        process = subprocess.Popen([program('process_bag'), bag, *map(str, arguments), '--output',
                                     output or os.path.join(scratch, 'out')], stdout=subprocess.DEVNULL)
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
         elapsed = time.monotonic() - begin

@@ -5,6 +5,7 @@ import subprocess
 import pytest
 import yaml
 from graph import loaded
+from programs import program
 from roslib.packages import find_node
 from site_example import with_examples
 
@@ -45,7 +46,7 @@ def test_a_key_that_stands_twice_is_seen(tmp_path):
 def test_phantom_case_is_understood(path):
     """By the phantom's own reader: the middle of the craniotomy is on the surface, and moves to where the last stage says."""
     stages = [stage['name'] for stage in load(path)['stages']]
-    told = subprocess.run(['rosrun', 'cortshift_stereo', 'phantom_truth', str(path), stages[0], stages[-1], '--material'],
+    told = subprocess.run([program('phantom_truth', 'cortshift_stereo'), str(path), stages[0], stages[-1], '--material'],
                           input='0,0\n', capture_output=True, text=True, check=False)
     assert told.returncode == 0, told.stderr
     header, line = (row.split(',') for row in told.stdout.splitlines())

@@ -22,6 +22,7 @@ from tf2_msgs.msg import TFMessage
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 from graph import wait_until  # noqa: E402
+from programs import program  # noqa: E402
 
 
 class Renumbered(Image):
@@ -59,7 +60,7 @@ class Recorder(unittest.TestCase):
         self.addCleanup(self.folder.cleanup)
         rospy.set_param('/case_recorder', {'folder': self.folder.name, **parameters})
         type(self).status = None
-        process = subprocess.Popen(['rosrun', 'cortshift_tracking', 'case_recorder'], start_new_session=True)
+        process = subprocess.Popen([program('case_recorder')], start_new_session=True)
 
         def stop():
             if process.poll() is None:

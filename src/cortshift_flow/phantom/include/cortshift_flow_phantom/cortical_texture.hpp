@@ -2,6 +2,7 @@
 // Both phantoms (planar Eq. 6-8, and the stereo phantom) paint with it.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <opencv2/core.hpp>
 #include <vector>
@@ -42,20 +43,28 @@ class CorticalTexture {
 
  private:
   struct Segment {
-    double x0, y0, r0, x1, y1, r1;  // ends and radii [m]
+    double middle_x, middle_y, reach_square;  // [m], [m^2]
+    double x0, y0, r0, x1, y1, r1;            // ends and radii [m]
     bool vein;
+
+    /// Most segments near a point do not reach it: said without a division.
+    bool isFarFrom(double x, double y) const {
+      return (x - middle_x) * (x - middle_x) + (y - middle_y) * (y - middle_y) > reach_square;
+    }
   };
 
   void growVessels();
   void growVessel(double x, double y, double heading, double radius, bool vein, int generation);
   void indexSegments();
   double gyralField(double x, double y, double* dx, double* dy) const;
+  double gyralValue(double x, double y) const;
   cv::Vec3f paint(double x, double y, double valley) const;
   double tissueNoise(double x, double y) const;
 
   Settings settings_;
   std::uint64_t random_state_;
   PlaneWaves<9> gyral_waves_;
+  std::array<std::uint64_t, 5> noise_seeds_{};  // of the octaves of tissueNoise
   std::vector<Segment> segments_;
   std::vector<std::vector<int>> cells_;  // segments near each cell of a square grid
   int cells_per_side_ = 0;

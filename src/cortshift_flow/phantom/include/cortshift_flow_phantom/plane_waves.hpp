@@ -21,27 +21,31 @@ class PlaneWaves {
     phase_[i] = phase;
   }
   static constexpr std::size_t size() { return kCount; }
-  const Values& kx() const { return kx_; }
-  const Values& ky() const { return ky_; }
+  const auto& kx() const { return kx_; }
+  const auto& ky() const { return ky_; }
 
   /// cos(kx x + ky y + phase) of each wave. @param x, y [m]
-  Values cosines(double x, double y) const { return sinesOfTurns(x, y, 0.25); }
+  Values cosines(double x, double y) const { return sinesOfTurns<kCount>(x, y, 0.25); }
   /// sin(kx x + ky y + phase) of each wave. @param x, y [m]
-  Values sines(double x, double y) const { return sinesOfTurns(x, y, 0); }
+  Values sines(double x, double y) const { return sinesOfTurns<kCount>(x, y, 0); }
 
   /// Sum of the cosines; of waves with random phases its mean square is half their number.
   double sum(double x, double y) const {
     double total = 0;
-    for (const double c : cosines(x, y)) total += c;
+    const auto cosines = sinesOfTurns<kWhole>(x, y, 0.25);
+    for (std::size_t i = 0; i < kCount; ++i) total += cosines[i];
     return total;
   }
 
  private:
   static constexpr double kTurn = 6.283185307179586;
+  /// With one wave of nothing where that fills the last register, which otherwise takes three steps.
+  static constexpr std::size_t kWhole = kCount % 4 == 3 ? kCount + 1 : kCount;
 
-  Values sinesOfTurns(double x, double y, double ahead) const {
-    Values out;
-    for (std::size_t i = 0; i < kCount; ++i)
+  template <std::size_t kMany>
+  std::array<double, kMany> sinesOfTurns(double x, double y, double ahead) const {
+    std::array<double, kMany> out;
+    for (std::size_t i = 0; i < kMany; ++i)
       out[i] = sineOfTurns((kx_[i] * x + ky_[i] * y + phase_[i]) * (1 / kTurn) + ahead);
     return out;
   }
@@ -58,7 +62,7 @@ class PlaneWaves {
     return a * series;
   }
 
-  alignas(32) Values kx_{}, ky_{}, phase_{};
+  alignas(32) std::array<double, kWhole> kx_{}, ky_{}, phase_{};
 };
 
 }  // namespace cortshift_flow_phantom

@@ -112,6 +112,8 @@ class PhantomScene {
   /// Distance [m] inwards from the rim of the craniotomy, to first order; negative outside.
   double rimDistance(double x, double y) const { return rimDistance(craniotomy_.radius(x, y)); }
   double rimDistance(const ScalarField& rim) const;
+  /// Whether that is surely more than `distance`; costs no root.
+  bool isInside(const ScalarField& rim, double distance) const;
 
   /// The surface point of a stage nearest to `point_pmr` (within about 3 mm of the surface), by damped Gauss-Newton.
   /// Nothing where no surface is near.

@@ -10,13 +10,14 @@ from cortshift_tracking.mr.cortex import CortexSettings, distances_to_cortex, ex
 from cortshift_tracking.mr.cross_section import sure_points
 from cortshift_tracking.mr.reader import load_volume
 from pcd import read_pcd
+from programs import program
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 CASE = os.path.join(HERE, '..', '..', '..', '..', '..', 'config', 'phantom', 'phantom_registration.yaml')
 
 
 def tool(name, *arguments, text=None):
-    return subprocess.run(['rosrun', 'cortshift_stereo', name, *map(str, arguments)], input=text, stdout=subprocess.PIPE,
+    return subprocess.run([program(name, 'cortshift_stereo'), *map(str, arguments)], input=text, stdout=subprocess.PIPE,
                           universal_newlines=True, check=True).stdout
 
 

@@ -9,6 +9,7 @@ import changes
 import recorded_cases as cases
 from graph import field_arrays
 from offline_tools import PHANTOM_BAG, read_field
+from programs import program
 
 CAPTURES = ('dural_opening@5.2', 'after_resection@21.2')
 SHIFT = 'dural_opening:after_resection'
@@ -34,7 +35,7 @@ def write(entries, path, types=None):
 
 def tool(name, *arguments):
     """Returns (exit status, everything said)."""
-    done = subprocess.run(['rosrun', 'cortshift_tracking', name, *map(str, arguments)], stdout=subprocess.PIPE,
+    done = subprocess.run([program(name), *map(str, arguments)], stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT, universal_newlines=True, check=False, timeout=600)
     return done.returncode, done.stdout
 
