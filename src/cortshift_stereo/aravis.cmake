@@ -26,5 +26,5 @@ if(CATKIN_ENABLE_TESTING AND ARAVIS_FOUND)
   # A GigE Vision camera in software whose images say when they were exposed.
   add_executable(fake_gige_camera EXCLUDE_FROM_ALL test/support/fake_gige_camera.cpp)
   target_link_libraries(fake_gige_camera PkgConfig::ARAVIS)
-  cortshift_test(aravis_test rostest graph 900 FILES test/sources/aravis.test DEPENDS stereo_driver_node fake_gige_camera)
+  cortshift_test(aravis_test rostest graph 900 FILES test/sources/aravis.test DEPENDS stereo_driver_node fake_gige_camera WAITS)
 endif()

@@ -8,8 +8,10 @@
 # LABEL    quick: no graph, a few seconds; graph: needs a ROS master; long: no graph, but slow.
 # SECONDS  after which the test and all that it started are killed: far above what it takes, since others may load the machine.
 # DEPENDS  what must be built first.
-# WAITS    of a graph: most of its time passes in waiting (a recording that plays, a peer that is silent). Of the other graphs, whose
-#          nodes share the cores, one runs at a time; this one runs beside them.
+# WAITS    of a graph: it takes less than half a core, since it waits (for a recording that plays, a peer that is silent). Of the
+#          other graphs, whose nodes share the cores, one runs at a time; this one runs beside them.
+#
+# A test counts as two of what `ctest -jN` runs at a time, one that WAITS as one: -j5 runs two tests, and beside them one that waits.
 #
 # cortshift_flow exports this file, since it is the package that every other one knows.
 function(cortshift_test name kind label seconds)
@@ -63,13 +65,13 @@ function(cortshift_test name kind label seconds)
   endif()
   set_tests_properties(${entry} PROPERTIES LABELS ${label} TIMEOUT ${seconds})
   # The graphs that run one at a time come first, so that nobody waits for them at the end; what is short fills the gaps.
-  if(label STREQUAL "graph" AND NOT ARG_WAITS)
-    set_tests_properties(${entry} PROPERTIES RESOURCE_LOCK graph COST 4)
-  elseif(label STREQUAL "long")
-    set_tests_properties(${entry} PROPERTIES COST 3)
-  elseif(label STREQUAL "graph")
+  if(ARG_WAITS)
     set_tests_properties(${entry} PROPERTIES COST 2)
+  elseif(label STREQUAL "graph")
+    set_tests_properties(${entry} PROPERTIES PROCESSORS 2 COST 4 RESOURCE_LOCK graph)
+  elseif(label STREQUAL "long")
+    set_tests_properties(${entry} PROPERTIES PROCESSORS 2 COST 3)
   else()
-    set_tests_properties(${entry} PROPERTIES COST 1)
+    set_tests_properties(${entry} PROPERTIES PROCESSORS 2 COST 1)
   endif()
 endfunction()
