@@ -71,17 +71,6 @@ def moved_in_time(entries, by):
     return entries
 
 
-def without(entries, since, until):
-    """The recording without what moves or is exposed between two times [s after the begin]: what comes later comes that much earlier,
-    stamps and record times alike. What holds from a time between them on holds from the first of them on."""
-    begin = begin_of(entries)
-    earlier = [entry for entry in entries if entry[2].to_sec() < begin + since]
-    later = moved_in_time([entry for entry in entries if entry[2].to_sec() >= begin + until], since - until)
-    between = [[topic, message, seconds(begin + since)] for topic, message, time in entries
-               if since <= time.to_sec() - begin < until and topic in ('/tf_static', '/microscope/settings')]
-    return earlier + between + later
-
-
 def change_images(entries, sides, change, since=0):
     for topic, message, time in images(entries):
         if any(side in topic for side in sides) and time.to_sec() >= since:
