@@ -157,6 +157,11 @@ TEST(Poses, WithoutNoiseTheyMayComeBackAfterAShake) {
   EXPECT_TRUE(judge(treeOf(place, 8), 6000000000).all().empty());
 }
 
+TEST(Poses, WithoutNoiseTheyMayGoBackTheWayTheyCame) {
+  const auto place = [](int n) { return Eigen::Vector3d(0.0002 * std::min(n, 100 - n), 0, 0); };
+  for (const int64_t stamp : {2 * kExposure, 7 * kExposure / 2}) EXPECT_TRUE(judge(treeOf(place, 5), stamp).all().empty());
+}
+
 TEST(Edges, AFixedAndAMovingSourceAreRefusedUnlessTheyAgree) {
   const auto both = [](double apart) {
     TransformTree tree = treeOf([](int) { return Eigen::Vector3d(0.1, 0, 0); });
