@@ -155,6 +155,18 @@ TEST_F(Shift, AMotionAsWideAsTheSearchIsFound) {
   EXPECT_GT(errors.coverage, 0.5);
 }
 
+TEST_F(Shift, OneFirstLookFindsMostOfALargeMotion) {
+  ShiftSettings settings;
+  settings.matching.coarse_rounds = 1;
+  const auto aside = [](double, double) { return Eigen::Vector3d(0.005, -0.003, 0); };
+  const PinholeCamera wide = scene.cameraAt(0.3, 0, 0, 0, {360, 300}, 0.036);
+  const auto earlier = scene.see(wide, AnalyticScene::atRest()), later = scene.see(wide, aside);
+  const ShiftResult result = computeShift(earlier, later, directions(earlier), settings);
+  const Errors errors = errorsOf(result, scene, AnalyticScene::atRest(), aside);
+  EXPECT_LT(errors.median, 0.00002);
+  EXPECT_GT(errors.coverage, 0.5);
+}
+
 TEST_F(Shift, OwnPointsAgreeWithTheField) {
   ShiftSettings settings;
   settings.with_own_points = true;
