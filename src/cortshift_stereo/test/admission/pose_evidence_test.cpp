@@ -159,7 +159,8 @@ TEST(Poses, WithoutNoiseTheyMayComeBackAfterAShake) {
 
 TEST(Poses, WithoutNoiseTheyMayGoBackTheWayTheyCame) {
   const auto place = [](int n) { return Eigen::Vector3d(0.0002 * std::min(n, 100 - n), 0, 0); };
-  for (const int64_t stamp : {2 * kExposure, 7 * kExposure / 2}) EXPECT_TRUE(judge(treeOf(place, 5), stamp).all().empty());
+  for (const int64_t stamp : {2 * kExposure, 7 * kExposure / 2})
+    EXPECT_TRUE(judge(treeOf(place, 5), stamp).all().empty());
 }
 
 TEST(Edges, AFixedAndAMovingSourceAreRefusedUnlessTheyAgree) {
