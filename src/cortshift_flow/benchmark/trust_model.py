@@ -1,4 +1,7 @@
 """The logistic model of trust/judgement.cpp: fitting it, writing it down, and how reliable it is."""
+import hashlib
+import re
+
 import numpy as np
 
 WRONG = 0.25     # the model gives the probability that a vector is off by more than this [px]
@@ -68,7 +71,14 @@ def header(models, names, provenance):
             lines.append(f'         {{{number_text(slope)}, {{{number_text(knots[number][0])}, {number_text(knots[number][1])}}}, '
                          f'{{{number_text(bends[0])}, {number_text(bends[1])}}}}},  // {name}')
         lines.append('     }},')
-    return '\n'.join(lines + ['};', '', '}  // namespace cortshift_flow', ''])
+    text = '\n'.join(lines + ['};', '', '}  // namespace cortshift_flow', ''])
+    return text.replace('#pragma once', f'// Digest of the numbers: {digest(text)}\n#pragma once', 1)
+
+
+def digest(text):
+    """Of the numbers of the table in `text`: the header carries it, so that one changed by hand shows."""
+    table = text.split('kFittedWeights[]', 1)[1]
+    return hashlib.sha256(' '.join(re.findall(r'-?\d[\d.]*(?:e[-+]?\d+)?(?=f)', table)).encode()).hexdigest()[:16]
 
 
 def number_text(value):

@@ -49,5 +49,16 @@ def test_a_fit_promises_what_is_true():
 
 
 def test_the_compiled_weights_are_the_commands():
+    """Not a number of them was changed by hand."""
     text = FITTED.read_text(encoding='utf-8')
     assert text.startswith('// Written by script/fit_trust; do not edit. Fitted on the set "fit" of benchmark/trust_pairs.py:')
+    assert f'// Digest of the numbers: {trust_model.digest(text)}\n' in text
+
+
+def test_the_digest_shows_one_changed_number():
+    models = [([(0.1, 0.2)] * 2, np.arange(1, 8) / 8)]
+    text = trust_model.header(models, ['one', 'two'], 'Fitted.')
+    assert f'Digest of the numbers: {trust_model.digest(text)}\n' in text
+    assert '{0.1f, 0.2f}' in text
+    assert trust_model.digest(text.replace('{0.1f, 0.2f}', '{0.1f, 0.4f}', 1)) != trust_model.digest(text)
+    assert trust_model.digest(text.replace('0.25f', '-0.25f', 1)) != trust_model.digest(text)

@@ -65,7 +65,7 @@ class PairReconstruction {
   explicit PairReconstruction(const SurfaceReconstructionParameters& parameters,
                               std::shared_ptr<BitDepth> depth = nullptr);
 
-  /// @param pose_at  asked once, after the reconstruction: the tracker's next sample may still be under way
+  /// @param poses  asked once, after the reconstruction: the tracker's next sample may still be under way
   /// @throws PairError, MessageError, CalibrationError, PoseError; see dropReason
   PairSurface operator()(const PairMessages& pair, const PoseSource& poses);
 

@@ -21,7 +21,7 @@ cv::Mat brainOutline(const ShiftResult& result);
 cv::Mat magnitudeMap(const DisplacementField& field);
 
 /// Components of d as in the paper's Table 3. The signed ones: blue against, white none, red along the direction.
-/// @param gravity_pmr, first_normal_pmr unit length
+/// `gravity_pmr` and `first_normal_pmr` have unit length.
 cv::Mat gravityMap(const DisplacementField& field, const Eigen::Vector3d& gravity_pmr);
 cv::Mat normalMap(const DisplacementField& field, const Eigen::Vector3d& first_normal_pmr);
 cv::Mat lateralMap(const DisplacementField& field, const Eigen::Vector3d& first_normal_pmr);

@@ -38,7 +38,7 @@ class PlanError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// KEY@SECONDS, or KEY@SECONDSxPAIRS for the mean of several pairs. @throws PlanError
+/// `KEY@SECONDS`, or `KEY@SECONDSxPAIRS` for the mean of several pairs. @throws PlanError
 PlannedCapture captureFromText(const std::string& text);
 
 /// FROM:TO. @throws PlanError

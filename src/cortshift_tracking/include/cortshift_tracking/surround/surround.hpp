@@ -72,7 +72,7 @@ struct Surround {
 Surround assessSurround(const DisplacementField& field, const PairKnowledge& knowledge,
                         const SurroundSettings& settings = {});
 
-/// Takes the motion out: what was at `transform` * p ends at p. @param starts, displacements CV_32FC3 [pmr, m]
+/// Takes the motion out: what was at `transform` * p ends at p. `starts_pmr` and `displacements_pmr` are CV_32FC3 [m].
 void takeOut(const Eigen::Isometry3d& transform, const cv::Mat& starts_pmr, cv::Mat& displacements_pmr);
 
 }  // namespace cortshift_tracking
