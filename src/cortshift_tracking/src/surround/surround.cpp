@@ -44,7 +44,7 @@ PlacedCamera placed(const std::optional<PlacedCamera>& camera, const Displacemen
   return out;
 }
 
-/// Pieces that should not move: pale ones around the flesh, or, where the brain's outline is known, all outside it but cloth.
+/// Pieces that should not move: pale ones around the flesh, or, where the brain was drawn, all outside it but cloth.
 std::vector<Piece> restingPieces(const Pieces& pieces, const cv::Mat& brain, bool& flesh_in_view) {
   const cv::Mat tissue = tissueOf(pieces);
   flesh_in_view = true;
@@ -55,7 +55,7 @@ std::vector<Piece> restingPieces(const Pieces& pieces, const cv::Mat& brain, boo
   } else {
     cv::Mat share;
     cv::resize(brain, share, pieces.size, 0, 0, cv::INTER_AREA);
-    cv::dilate(share, share, cv::Mat());  // an outline is right to about a piece
+    cv::dilate(share, share, cv::Mat());  // a line drawn by hand is right to about a piece
     resting = (share == 0) & (tissue != static_cast<uchar>(Tissue::kCloth));
   }
   std::vector<Piece> chosen;
@@ -119,7 +119,8 @@ Surround assessSurround(const DisplacementField& field, const PairKnowledge& kno
   }
 
   bool flesh_in_view = true;
-  const std::vector<Piece> chosen = restingPieces(pieces, field.brain, flesh_in_view);
+  const cv::Mat brain = knowledge.brain.empty() ? cv::Mat() : excludedMask(field.frame, knowledge.brain);
+  const std::vector<Piece> chosen = restingPieces(pieces, brain, flesh_in_view);
   const std::vector<MovedPiece> resting = moved(chosen);
   const double piece_area = pieces.side * pieces.side;
   surround.area = static_cast<double>(resting.size()) * piece_area;

@@ -174,17 +174,18 @@ TEST(Surround, TheCorrectionCanBeUndone) {
   EXPECT_LT(cv::norm(apart, cv::NORM_INF), 1e-7);
 }
 
-TEST(Surround, AnOutlineCountsMoreThanColour) {
+TEST(Surround, AnOutlineDrawnByHandCountsMoreThanColour) {
   RestingScene scene;  // all of one colour
   scene.cover = [](double, double, Matter matter) { return matter == Matter::kDrape ? Matter::kNothing : matter; };
   DisplacementField field = scene.seen(RestingScene::drift(11, 0.001, 0.2 * kDegree));
   field.colour.setTo(cv::Scalar(150, 150, 205));
   EXPECT_EQ(assessSurround(field, {}).finding, SurroundFinding::kUnseen);
+  PairKnowledge knowledge;
   Region outline;
   for (int i = 0; i < 60; ++i)  // the frame's origin is the corner of the view
     outline.emplace_back(0.04 + 0.0285 * std::cos(2 * M_PI * i / 60), 0.03 + 0.0225 * std::sin(2 * M_PI * i / 60));
-  field.brain = excludedMask(field.frame, {outline});
-  const Surround surround = assessSurround(field, {});
+  knowledge.brain = {outline};
+  const Surround surround = assessSurround(field, knowledge);
   ASSERT_TRUE(surround.corrected) << surround.text;
   takeOut(surround.transform, field.start_pmr, field.displacement_pmr);
   EXPECT_LT(errorsOnBrain(field.displacement_pmr, scene).p95, 0.00025);
