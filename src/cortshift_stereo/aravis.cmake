@@ -15,7 +15,8 @@ else()
 endif()
 
 if(CATKIN_ENABLE_TESTING)
-  cortshift_test(sources_test gmock quick 300 FILES test/sources/sources_test.cpp LIBRARIES ${PROJECT_NAME}_sources)
+  cortshift_test(sources_test gmock quick 300 FILES test/sources/phantom_source_test.cpp test/sources/sources_test.cpp
+    LIBRARIES ${PROJECT_NAME}_sources)
   target_include_directories(sources_test PRIVATE src)
   cortshift_test(no_aravis_test gmock quick 60 FILES test/sources/no_aravis_test.cpp src/sources/aravis/no_aravis_camera.cpp
     LIBRARIES ${PROJECT_NAME})

@@ -78,5 +78,20 @@ TEST(CoarseSearch, MasksAndThreadsDoNotMatterToWhatIsSeen) {
     for (int x = 0; x < kSize.width; ++x) EXPECT_EQ(one.u.row(y)[x], three.u.row(y)[x]);
 }
 
+// Where nothing matches, no motion is not a match: it is that of the surroundings.
+TEST(CoarseSearch, TheMotionAroundFillsWhatShowsNothing) {
+  const cv::Mat4f first = grains(kSize, 1), second = moved(first, 4, 2);
+  cv::Mat1b first_valid(kSize, uchar{1}), second_valid(kSize, uchar{1});
+  first_valid(cv::Rect(32, 20, 24, 24)) = 0;
+  second_valid(cv::Rect(36, 22, 24, 24)) = 0;
+  const SearchResult found = searchCoarseFlow({first, second, first_valid, second_valid}, 6, 1);
+  for (int y = 26; y < 38; ++y)
+    for (int x = 40; x < 48; ++x) {
+      EXPECT_NEAR(found.forward.u.row(y)[x], 4, 0.3) << x << " " << y;
+      EXPECT_NEAR(found.forward.v.row(y)[x], 2, 0.3) << x << " " << y;
+      EXPECT_NEAR(found.backward.u.row(y)[x], -4, 0.3) << x << " " << y;
+    }
+}
+
 }  // namespace
 }  // namespace cortshift_flow

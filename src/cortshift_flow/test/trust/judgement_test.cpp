@@ -93,8 +93,8 @@ TEST(Judgement, OnlyAStepAboveItsNoiseCallsForAnotherModel) {
     return shareContradicted(scene.evidence(), cv::Mat1f(kSize, error));
   };
   EXPECT_GT(share(Scene(2, 1.4f), 0.5f), 0.9);
-  EXPECT_EQ(share(Scene(2, 1.4f), 0.2f), 0);  // off, but not judged unsure
-  EXPECT_EQ(share(Scene(2, 2), 0.5f), 0);     // unsure, but the images ask for nothing else
+  EXPECT_EQ(share(Scene(2, 1.4f), 0.25f), 0);  // off, but believed: a confidence of one half is
+  EXPECT_EQ(share(Scene(2, 2), 0.5f), 0);      // unsure, but the images ask for nothing else
   Scene hidden(2, 1.4f);
   hidden.sound.setTo(0);
   EXPECT_EQ(share(hidden, 0.5f), 0);

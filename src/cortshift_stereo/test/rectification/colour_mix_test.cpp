@@ -72,6 +72,16 @@ TEST(ColourMix, DoesNotRelyOnAColourThatIsFullOverPartOfTheImage) {
   EXPECT_LT(chooseMix(pairs).left[2], 0.34);
 }
 
+TEST(ColourMix, OnlyWhatIsAboveTheFullLevelSaysNothingOfItsNoise) {
+  Tissue tissue;
+  tissue.noise = {12, 1.5, 1.5};
+  for (const auto& [level, seen] : {std::pair(250.0f, true), std::pair(251.0f, false)}) {
+    std::vector<ColourPair> pairs = tissue.pairs();
+    for (ColourPair& pair : pairs) pair.left[1] = pair.right[1] = level;
+    EXPECT_EQ(chooseMix(pairs).left[0] < 0.06f, seen) << level;
+  }
+}
+
 TEST(ColourMix, IsTheMeanWhereTooFewPlacesAreSeen) {
   Tissue tissue;
   tissue.noise = {12, 1.5, 1.5};

@@ -305,13 +305,16 @@ TEST(EndpointSettings, RefusesTheImpossible) {
     EXPECT_THROW(settings.validate(), std::invalid_argument);
   };
   EndpointSettings().validate();
+  EndpointSettings smallest;
+  smallest.max_message_bytes = 1024;
+  EXPECT_NO_THROW(smallest.validate());
   refused([](EndpointSettings& s) { s.listen_address = "localhost"; });
   refused([](EndpointSettings& s) { s.allowed_peers = {"10.0.0.256"}; });
   refused([](EndpointSettings& s) { s.servers = {"127.0.0.1"}; });
   refused([](EndpointSettings& s) { s.servers = {"127.0.0.1:70000"}; });
   refused([](EndpointSettings& s) { s.servers = {"tracker:18944"}; });
   refused([](EndpointSettings& s) { s.listen_port = -1; });
-  refused([](EndpointSettings& s) { s.max_message_bytes = 0; });
+  refused([](EndpointSettings& s) { s.max_message_bytes = 1023; });
   refused([](EndpointSettings& s) { s.reconnect_max = 0.1; });
 }
 

@@ -59,6 +59,18 @@ TEST(ProjectionFrame, TakesAxesFromATiltedPlane) {
   EXPECT_LT((frame.T_pmr_projection.translation() - corner).norm(), 1e-5);
 }
 
+TEST(ProjectionFrame, AMarginIsAddedOnEverySide) {
+  const auto surface = sheet(201, 151, [](double, double) { return 0.0; });
+  FrameSettings settings;
+  const ProjectionFrame bare = fitProjectionFrame(surface, settings);
+  settings.margin = 0.003;
+  const ProjectionFrame wide = fitProjectionFrame(surface, settings);
+  EXPECT_NEAR((wide.size.width - bare.size.width) * settings.resolution, 2 * 0.003, 1.5 * settings.resolution);
+  EXPECT_NEAR((wide.size.height - bare.size.height) * settings.resolution, 2 * 0.003, 1.5 * settings.resolution);
+  const Eigen::Vector3d corner = bare.T_pmr_projection * Eigen::Vector3d(-0.003, -0.003, 0);
+  EXPECT_LT((wide.T_pmr_projection.translation() - corner).norm(), 1e-6);
+}
+
 TEST(ProjectionFrame, NormalWithstandsNoiseHolesAndOutliers) {
   const auto clean = sheet(400, 300, [](double x, double y) { return 0.2 * x - 0.1 * y; });
   auto dirty = clean;
