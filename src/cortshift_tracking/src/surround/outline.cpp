@@ -2,38 +2,47 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
 #include "cortshift_flow/text.hpp"
-#include "cortshift_tracking/surround/tissue.hpp"
+#include "cortshift_tracking/surround/closed_path.hpp"
 
 namespace cortshift_tracking {
 namespace {
 
-constexpr double kCell = 0.0004;       // [m] coarse enough for a cut of all of it in a fraction of a second
-constexpr double kSmooth = 0.002;      // [m] pores and small vessels do not decide what tissue is
-constexpr double kInner = 0.006;       // [m] from anything else: beyond any cuff of dura
-constexpr double kLeastArea = 0.0003;  // [m^2] of a brain; a burr hole shows 1.5 cm2
-// Without bone nothing shows what colour the light has. Where a warm lamp makes flesh of the phantom's bone, 1.9 cm2
-// and less of it are left pale. This and the next three were set between what right and wrong outlines have in five
-// lights, on the sets fit and choose and one case of the painted phantom; `surround_benchmark --only outline` shows
-// which are still taken for known, not these shares.
-constexpr double kLeastBone = 0.00025;   // [m^2]
-constexpr float kDoubt = 0.06F;          // of log R/G and log RB/G^2: by so much the light's colour is uncertain
-constexpr double kMostUndecided = 0.02;  // of the brain: right outlines have 1.2 % at most, wrong ones 4 ... 25 %
-constexpr double kCuff = 0.003;          // [m] dura around the brain is 2 mm wide
-constexpr double kMostLeftOut =
-    0.03;  // of the brain: right ones leave out 1.5 % at most in white light, wrong ones from 6 % on
-constexpr double kSmallHole = 0.000025;  // [m^2] a glint or a shadow in the brain; more is something that lies on it
-// Of what has blood in it, the part that the cut leaves: less is not brain with a cuff of dura around it.
-constexpr double kLeastPart = 0.6;
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-/// Mean colour and share of what is seen in each cell.
+constexpr double kCell = 0.0002;        // [m] ten of them over the narrowest cuff of dura
+constexpr double kSmooth = 0.0006;      // [m] noise of single heights is not relief
+constexpr double kSteepest = 2.5;       // 68 degrees: steeper is a step of depth, and what lies beyond another thing
+constexpr double kLeastRadius = 0.008;  // [m] of a brain; a burr hole is 14 mm wide
+constexpr double kBend = 0.05;          // of one cell from one direction to the next, beside 0.5 of the deepest crease
+constexpr float kDeepest = 0.5F;        // [1/mm] beyond that a crease is none the better
+constexpr double kSide = 0.001;         // [m] on each side of the line colours are compared
+constexpr int kAlong = 5;               // directions that are compared together, 2.5 mm
+constexpr float kClear = 1;             // colours that differ by the root of both their variances
+constexpr float kNoise = 0.06F;         // of a logarithm: of what is one matter colours differ by as much
+constexpr double kColourReach = 0.003;  // [m] from the foot of the step an edge of colour belongs to it
+constexpr float kAside = 0.02F;         // of an edge 1 mm beside the foot, beside 1 of the clearest edge
+constexpr float kLeastStep = 0.001F;    // [m] dura is 0.3 to 0.8 mm thick, bone 3 to 8 mm
+// Of the surface beside the foot: from where to where it is carried on, and where it is compared [m].
+constexpr double kInside = -0.006, kInner = -0.001, kOuter = 0.003, kOutside = 0.005;
+constexpr double kLeastSeen = 0.65;  // of the way around: a retractor may hide a fifth, and the view end at some bone
+// Of what is seen. On the sets fit and choose 90 % at least where the edge is in view, and 0 % have a step where none
+// is
+// (`surround_benchmark --only outline`); blood over the rim hides up to a tenth.
+constexpr double kLeast = 0.85;
+constexpr float kTogether = 0.0012F;     // [m] relief and colour have the edge at the same place
+constexpr double kSmallHole = 0.000025;  // [m^2] a glint or a shadow in the brain; more is something that lies on it
+
+/// Means over cells.
 struct Cells {
   int step = 1;
   double side = 0;  ///< [m]
   cv::Mat colour;   ///< CV_32FC3 0...1
+  cv::Mat height;   ///< CV_32FC1 [m], NaN where nothing is seen
   cv::Mat seen;     ///< CV_8UC1
 };
 
@@ -44,125 +53,277 @@ Cells cellsOf(const Projection& projection) {
   const cv::Size size(projection.mask.cols / cells.step, projection.mask.rows / cells.step);
   if (size.empty()) return cells;
   const cv::Rect whole(0, 0, size.width * cells.step, size.height * cells.step);
-  cv::Mat share, sum;
-  projection.mask(whole).convertTo(share, CV_32F, 1.0 / 255);
-  cv::resize(share, share, size, 0, 0, cv::INTER_AREA);
-  cv::resize(projection.colour(whole), sum, size, 0, 0, cv::INTER_AREA);  // 0 outside the mask
+  const auto meanOf = [&](const cv::Mat& picture) {
+    cv::Mat mean;
+    cv::resize(picture(whole), mean, size, 0, 0, cv::INTER_AREA);
+    return mean;
+  };
+  cv::Mat share, divisor, height = projection.height.clone();
+  projection.mask.convertTo(share, CV_32F, 1.0 / 255);
+  share = meanOf(share);
   cells.seen = share > 0.5;
-  cv::Mat divisor;
-  cv::merge(std::vector<cv::Mat>(3, cv::max(share, 0.01F)), divisor);
-  cv::divide(sum, divisor, cells.colour);
+  share = cv::max(share, 0.01F);
+  cv::merge(std::vector<cv::Mat>(3, share), divisor);
+  cv::divide(meanOf(projection.colour), divisor, cells.colour);  // 0 outside the mask
+  height.setTo(0, projection.mask == 0);
+  cv::divide(meanOf(height), share, cells.height);
+  cells.height.setTo(kNan, cells.seen == 0);
   return cells;
 }
 
-struct CellTissue {
-  cv::Mat tissue;     ///< CV_8UC1 of Tissue
-  cv::Mat undecided;  ///< CV_8UC1 255 where a little of another light would make bone of flesh, or flesh of bone
-};
-
-CellTissue tissueOf(const Cells& cells) {
-  const int window = 2 * static_cast<int>(std::lround(kSmooth / kCell / 2)) + 1;
-  cv::Mat logarithm, share;
-  cv::log(cells.colour + cv::Scalar::all(1.0 / 255), logarithm);  // black has no colour, and no logarithm
-  logarithm.setTo(cv::Scalar::all(0), cells.seen == 0);
-  cells.seen.convertTo(share, CV_32F, 1.0 / 255);
-  cv::boxFilter(logarithm, logarithm, CV_32F, cv::Size(window, window), cv::Point(-1, -1), false, cv::BORDER_CONSTANT);
-  cv::boxFilter(share, share, CV_32F, cv::Size(window, window), cv::Point(-1, -1), false, cv::BORDER_CONSTANT);
-  CellTissue out{cv::Mat(cells.seen.size(), CV_8UC1, cv::Scalar(static_cast<uchar>(Tissue::kNone))),
-                 cv::Mat::zeros(cells.seen.size(), CV_8UC1)};
-  cv::Mat& tissue = out.tissue;
-  for (int row = 0; row < tissue.rows; ++row)
-    for (int column = 0; column < tissue.cols; ++column) {
-      if (cells.seen.at<uchar>(row, column) == 0) continue;
-      const cv::Vec3f mean = logarithm.at<cv::Vec3f>(row, column) / share.at<float>(row, column);
-      const float redness = mean[2] - mean[1], pinkness = mean[2] + mean[0] - 2 * mean[1];
-      const Tissue here = tissueOfColour(redness, pinkness);
-      tissue.at<uchar>(row, column) = static_cast<uchar>(here);
-      if (here != Tissue::kCloth &&
-          tissueOfColour(redness - kDoubt, pinkness - kDoubt) != tissueOfColour(redness + kDoubt, pinkness + kDoubt))
-        out.undecided.at<uchar>(row, column) = 255;
+/// What hangs together without a step of depth: 0 none, else the number of the part. @param largest out
+cv::Mat partsOf(const Cells& cells, cv::Mat& areas, int& largest) {
+  cv::Mat smooth = cells.seen.clone();
+  const auto limit = static_cast<float>(kSteepest * cells.side);
+  const auto compare = [&](int row, int column, int other_row, int other_column) {
+    if (std::abs(cells.height.at<float>(row, column) - cells.height.at<float>(other_row, other_column)) > limit)
+      smooth.at<uchar>(row, column) = smooth.at<uchar>(other_row, other_column) = 0;
+  };
+  for (int row = 0; row < smooth.rows; ++row)
+    for (int column = 0; column < smooth.cols; ++column) {
+      if (column > 0) compare(row, column, row, column - 1);
+      if (row > 0) compare(row, column, row - 1, column);
     }
+  cv::Mat parts, centres;
+  const int count = cv::connectedComponentsWithStats(smooth, parts, areas, centres, 4, CV_32S);
+  areas = areas.col(cv::CC_STAT_AREA).clone();
+  largest = 0;
+  for (int part = 1; part < count; ++part)
+    if (largest == 0 || areas.at<int>(part) > areas.at<int>(largest)) largest = part;
+  return parts;
+}
+
+/// Heights of one part, smoothed. NaN where less than a third of the neighbourhood belongs to it.
+cv::Mat smoothed(const cv::Mat& height, const cv::Mat& part, double sigma) {
+  cv::Mat value = height.clone(), weight, out;
+  value.setTo(0, part == 0);
+  part.convertTo(weight, CV_32F, 1.0 / 255);
+  cv::GaussianBlur(value, value, cv::Size(), sigma, sigma, cv::BORDER_CONSTANT);
+  cv::GaussianBlur(weight, weight, cv::Size(), sigma, sigma, cv::BORDER_CONSTANT);
+  cv::divide(value, weight, out);
+  out.setTo(kNan, weight < 1.0 / 3);
   return out;
 }
 
-/// The largest connected part of a mask.
-cv::Mat largestPart(const cv::Mat& mask) {
-  cv::Mat labels, statistics, centroids;
-  const int count = cv::connectedComponentsWithStats(mask, labels, statistics, centroids, 4, CV_32S);
-  int largest = 0;
-  for (int label = 1; label < count; ++label)
-    if (largest == 0 || statistics.at<int>(label, cv::CC_STAT_AREA) > statistics.at<int>(largest, cv::CC_STAT_AREA))
-      largest = label;
-  return largest == 0 ? cv::Mat::zeros(mask.size(), CV_8UC1) : cv::Mat(labels == largest);
+/// A closed line about the brain, and in which directions what speaks for it.
+struct Line {
+  Unrolling place;
+  std::vector<float> radius;        ///< in each direction [cells]
+  std::vector<float> foot;          ///< of the step, as the relief has it [cells]
+  std::vector<bool> seen, stepped;  ///< heights on both sides; higher outside than the brain would be if it went on
+  std::vector<bool> clear;          ///< colours differ
+};
+
+double shareOf(const std::vector<bool>& these, const std::vector<bool>& of) {
+  double both = 0, all = 0;
+  for (std::size_t i = 0; i < of.size(); ++i) {
+    all += of[i] ? 1 : 0;
+    both += of[i] && these[i] ? 1 : 0;
+  }
+  return all > 0 ? both / all : 0;
 }
 
-void fillSmallHoles(cv::Mat& mask, int cells) {
-  cv::Mat labels, statistics, centroids;
-  const int count = cv::connectedComponentsWithStats(mask == 0, labels, statistics, centroids, 8, CV_32S);
-  for (int label = 1; label < count; ++label)
-    if (statistics.at<int>(label, cv::CC_STAT_AREA) <= cells) mask.setTo(255, labels == label);
+cv::Point2f middleOf(const cv::Mat& mask) {
+  const cv::Moments moments = cv::moments(mask, true);
+  return {static_cast<float>(moments.m10 / moments.m00), static_cast<float>(moments.m01 / moments.m00)};
 }
 
-/// Cuts with a random sequence of its own, so that it neither depends on what was drawn before nor changes it.
-void cut(const cv::Mat& picture, cv::Mat& labels) {
-  cv::RNG& random = cv::theRNG();
-  const std::uint64_t before = random.state;
-  random.state = 1;
-  cv::Mat background, foreground;
-  cv::grabCut(picture, labels, cv::Rect(), background, foreground, 5, cv::GC_INIT_WITH_MASK);
-  random.state = before;
+std::vector<cv::Point> polygonOf(const Line& line, double scale) {
+  std::vector<cv::Point> polygon;
+  for (int i = 0; i < kDirections; ++i) {
+    Unrolling at = line.place;
+    at.base = line.radius;
+    at.first = 0;
+    polygon.emplace_back(at.at(i, 0) * scale);
+  }
+  return polygon;
+}
+
+cv::Mat within(const Line& line, cv::Size size) {
+  constexpr int kFraction = 4;  // bits
+  cv::Mat out = cv::Mat::zeros(size, CV_8UC1);
+  cv::fillPoly(out, std::vector<std::vector<cv::Point>>{polygonOf(line, 1 << kFraction)}, 255, cv::LINE_8, kFraction);
+  return out;
+}
+
+/// The closed line of deepest creases, and inside of each the foot of the rise.
+Line creaseAround(const cv::Mat& height, const cv::Mat& part, double side) {
+  const int span = std::max(1, static_cast<int>(std::lround(2 * kCell / side)));  // of second differences [cells]
+  const double to_mm = 1e3 / std::pow(1e3 * span * side, 2);
+  Line line;
+  line.place.centre = middleOf(part);
+  line.place.rows = static_cast<int>(std::hypot(height.cols, height.rows) / 2);
+  const int least = static_cast<int>(kLeastRadius / side);
+  cv::Mat crease;
+  std::vector<int> path;
+  for (int pass = 0; pass < 3; ++pass) {
+    if (pass > 0) line.place.centre = middleOf(within(line, height.size()));
+    const cv::Mat along = line.place.unroll(height);
+    crease = cv::Mat(along.size(), CV_32FC1, cv::Scalar(0));
+    for (int row = least; row + span < along.rows; ++row)
+      for (int column = 0; column < kDirections; ++column) {
+        const float bent =
+            static_cast<float>(to_mm) * (along.at<float>(row + span, column) - 2 * along.at<float>(row, column) +
+                                         along.at<float>(row - span, column));
+        if (!std::isnan(bent)) crease.at<float>(row, column) = std::min(std::max(bent, -kDeepest), kDeepest);
+      }
+    crease.rowRange(0, std::min(least, crease.rows)).setTo(-1);
+    path = bestClosedPath(crease, static_cast<float>(kBend));
+    line.radius.assign(path.begin(), path.end());
+  }
+  for (int column = 0; column < kDirections; ++column) {
+    int foot = path[static_cast<std::size_t>(column)];
+    const float half = crease.at<float>(foot, column) / 2;
+    while (half > 0 && foot > least && crease.at<float>(foot - 1, column) > half) --foot;
+    line.foot.push_back(static_cast<float>(foot));
+  }
+  // Single creases run together with the brain's own; the foot is a smooth line.
+  constexpr int kWindow = 11;
+  std::vector<float> level(line.foot.size());
+  for (int column = 0; column < kDirections; ++column) {
+    std::vector<float> near;
+    for (int i = -kWindow / 2; i <= kWindow / 2; ++i)
+      near.push_back(line.foot[static_cast<std::size_t>((column + i + kDirections) % kDirections)]);
+    std::nth_element(near.begin(), near.begin() + kWindow / 2, near.end());
+    level[static_cast<std::size_t>(column)] = near[kWindow / 2];
+  }
+  line.foot = level;
+  return line;
+}
+
+/// Is what lies outside the foot higher than the surface inside of it would be there?
+void findSteps(const cv::Mat& height, double side, Line& line) {
+  Unrolling band = line.place;
+  band.base = line.foot;
+  const auto rowAt = [&](double metres) { return static_cast<int>(std::lround((metres - kInside) / side)); };
+  band.first = static_cast<float>(kInside / side);
+  band.rows = rowAt(kOutside) + 1;
+  const cv::Mat along = band.unroll(height);
+  for (int column = 0; column < kDirections; ++column) {
+    double n = 0, sx = 0, sy = 0, sxx = 0, sxy = 0, outside = 0, far = 0, count = 0;
+    for (int row = rowAt(kInside); row <= rowAt(kInner); ++row) {
+      const double y = along.at<float>(row, column), x = row;
+      if (std::isnan(y)) continue;
+      n += 1, sx += x, sy += y, sxx += x * x, sxy += x * y;
+    }
+    for (int row = rowAt(kOuter); row <= rowAt(kOutside); ++row) {
+      const double y = along.at<float>(row, column);
+      if (std::isnan(y)) continue;
+      outside += y, far += row, count += 1;
+    }
+    const bool seen = n * side > 0.6 * (kInner - kInside) && count * side > 0.6 * (kOutside - kOuter);
+    double step = 0;
+    if (seen) {
+      const double slope = (n * sxy - sx * sy) / (n * sxx - sx * sx), mean = sy / n;
+      step = outside / count - (mean + slope * (far / count - sx / n));
+    }
+    line.seen.push_back(seen);
+    line.stepped.push_back(seen && step > kLeastStep);
+  }
+}
+
+/// How much colours on both sides of each place differ, beside how much they vary there.
+cv::Mat edgesOf(const cv::Mat& colour, const cv::Mat& part, const Unrolling& band, int half) {
+  cv::Mat logarithm, sum;
+  cv::log(colour + cv::Scalar::all(4.0 / 255), logarithm);  // in the dark there is no colour
+  std::vector<cv::Mat> bgr;
+  cv::split(logarithm, bgr);
+  const cv::Mat channels[] = {bgr[0] + bgr[1] + bgr[2], 2 * (bgr[2] - bgr[1]), 2 * (bgr[0] - bgr[1])};
+  for (cv::Mat channel : channels) {
+    channel.setTo(kNan, part == 0);
+    const cv::Mat along = band.unroll(channel);
+    const cv::Size window(kAlong, half);
+    cv::Mat share, ignored;
+    const cv::Mat mean = meanAround(along, window, share), square = meanAround(along.mul(along), window, ignored);
+    const cv::Mat variance = cv::max(square - mean.mul(mean), 0);
+    if (sum.empty()) sum = cv::Mat::zeros(along.size(), CV_32FC1);
+    const int apart = (half + 1) / 2;
+    for (int row = half; row + half < along.rows; ++row)
+      for (int column = 0; column < kDirections; ++column) {
+        const int in = row - apart, out = row + apart;
+        if (share.at<float>(in, column) < 0.4F || share.at<float>(out, column) < 0.4F) continue;
+        const float gap = mean.at<float>(in, column) - mean.at<float>(out, column);
+        sum.at<float>(row, column) +=
+            gap * gap / (variance.at<float>(in, column) + variance.at<float>(out, column) + 2 * kNoise * kNoise);
+      }
+  }
+  cv::sqrt(sum, sum);
+  return sum;
+}
+
+/// Draws the line to the edge of colours beside the foot.
+void drawToColours(const Cells& cells, const cv::Mat& part, Line& line) {
+  Unrolling band = line.place;
+  band.base = line.foot;
+  band.step = 0.5F;
+  const int reach = static_cast<int>(kColourReach / cells.side / static_cast<double>(band.step)),
+            half = static_cast<int>(kSide / cells.side / static_cast<double>(band.step));
+  band.rows = 2 * (reach + half) + 1;
+  band.first = -static_cast<float>(reach + half) * band.step;
+  const cv::Mat edges = edgesOf(cells.colour, part, band, half);
+  cv::Mat score = cv::min(edges, 3) / 3;
+  for (int row = 0; row < score.rows; ++row) {
+    const auto aside = static_cast<float>(1e3 * cells.side) * (band.first + static_cast<float>(row) * band.step);
+    score.row(row) -= kAside * aside * aside;
+  }
+  const std::vector<int> path = bestClosedPath(score, static_cast<float>(kBend));
+  for (int column = 0; column < kDirections; ++column) {
+    const int row = path[static_cast<std::size_t>(column)];
+    line.radius[static_cast<std::size_t>(column)] =
+        line.foot[static_cast<std::size_t>(column)] + band.first + static_cast<float>(row) * band.step;
+    line.clear.push_back(edges.at<float>(row, column) > kClear);
+  }
+}
+
+/// Why shares of the way around are not enough for an outline; empty: they are.
+std::string doubtOf(double seen, double stepped, double clear, double together) {
+  const auto only = [](double share, const char* what) {
+    return cortshift_flow::formatted(what, static_cast<int>(std::lround(100 * share)));
+  };
+  if (seen < kLeastSeen) return only(seen, "an edge of the craniotomy is in view on only %d %% of the way around");
+  if (stepped < kLeast) return only(stepped, "bone stands up around the brain on only %d %% of the way around");
+  if (clear < kLeast) return only(clear, "colours differ at the edge of bone on only %d %% of the way around");
+  if (together < kLeast) return only(together, "relief and colours agree on an edge on only %d %% of the way around");
+  return {};
 }
 
 }  // namespace
 
 Outline proposeOutline(const Projection& projection) {
   const Cells cells = cellsOf(projection);
-  if (cells.seen.empty()) return {{}, "not known: the view is too small"};
+  if (cells.seen.empty() ||
+      cv::countNonZero(cells.seen) * cells.side * cells.side < CV_PI * kLeastRadius * kLeastRadius)
+    return {{}, "not known: the view is too small"};
+  cv::Mat areas;
+  int largest = 0;
+  const cv::Mat parts = partsOf(cells, areas, largest);
+  const cv::Mat part = parts == largest;
+  const cv::Mat height = smoothed(cells.height, part, kSmooth / cells.side);
+  Line line = creaseAround(height, part, cells.side);
+  findSteps(height, cells.side, line);
+  drawToColours(cells, part, line);
+
+  const std::vector<bool> everywhere(kDirections, true);
+  std::vector<bool> together;
+  for (std::size_t i = 0; i < line.radius.size(); ++i)
+    together.push_back(std::abs(line.radius[i] - line.foot[i]) * static_cast<float>(cells.side) < kTogether);
+  const std::string doubt = doubtOf(shareOf(line.seen, everywhere), shareOf(line.stepped, line.seen),
+                                    shareOf(line.clear, line.seen), shareOf(together, line.seen));
+  if (!doubt.empty()) return {{}, "not known: " + doubt};
+
+  cv::Mat brain = within(line, cells.seen.size()) & cells.seen, fine;
   const double cell_area = cells.side * cells.side;
-  const auto areaOf = [&](const cv::Mat& mask) { return cell_area * cv::countNonZero(mask); };
-  const CellTissue told = tissueOf(cells);
-  const cv::Mat& tissue = told.tissue;
-  const cv::Mat flesh = tissue == static_cast<uchar>(Tissue::kFlesh);
-  if (areaOf(flesh) < kLeastArea) return {{}, "not known: too little in view looks like brain"};
-  if (areaOf(paleAround(tissue)) < kLeastBone)
-    return {{},
-            "not known: too little bone is in view around what looks like brain, or its colour is not that of bone"};
-
-  cv::Mat framed, depth;
-  cv::copyMakeBorder(flesh | (cells.seen == 0), framed, 1, 1, 1, 1, cv::BORDER_CONSTANT, 255);
-  cv::distanceTransform(framed, depth, cv::DIST_L2, cv::DIST_MASK_PRECISE);
-  depth = depth(cv::Rect(1, 1, flesh.cols, flesh.rows));
-  const cv::Mat inner = flesh & (depth * (cells.side) > kInner);
-  if (areaOf(inner) < kLeastArea / 4) return {{}, "not known: what looks like brain is nowhere wide enough"};
-
-  cv::Mat labels(flesh.size(), CV_8UC1, cv::Scalar(cv::GC_BGD));
-  labels.setTo(cv::GC_PR_FGD, flesh);
-  labels.setTo(cv::GC_FGD, inner);
-  cv::Mat picture;
-  cells.colour.convertTo(picture, CV_8UC3, 255);
-  cut(picture, labels);
-  cv::Mat brain = (labels == cv::GC_FGD) | (labels == cv::GC_PR_FGD);
-  brain &= cells.seen;
-  cv::morphologyEx(brain, brain, cv::MORPH_OPEN, cv::getStructuringElement(cv::MORPH_RECT, {3, 3}));
-  brain = largestPart(brain);
-  fillSmallHoles(brain, static_cast<int>(kSmallHole / cell_area));
-  if (areaOf(brain) < kLeastArea || areaOf(brain) < kLeastPart * areaOf(largestPart(flesh)))
-    return {{}, "not known: no clear edge around what looks like brain"};
-
-  const double brain_area = areaOf(brain);
-  if (areaOf(told.undecided & brain) > kMostUndecided * brain_area)
-    return {{}, "not known: bone and brain look too much alike in this light"};
-  cv::Mat distance;
-  cv::distanceTransform(brain == 0, distance, cv::DIST_L2, cv::DIST_MASK_PRECISE);
-  if (areaOf(flesh & (distance * (cells.side) > kCuff)) > kMostLeftOut * brain_area)
-    return {{}, "not known: more looks like brain than lies within a clear edge"};
-
+  for (int other = 1; other < areas.rows; ++other) {
+    if (other == largest || areas.at<int>(other) * cell_area <= kSmallHole) continue;
+    cv::Mat on_top;  // with its edge, which hangs together with nothing
+    cv::dilate(parts == other, on_top, cv::getStructuringElement(cv::MORPH_RECT, {5, 5}));
+    brain.setTo(0, on_top);
+  }
   Outline outline;
-  cv::Mat fine;
   cv::resize(brain, fine, cv::Size(brain.cols * cells.step, brain.rows * cells.step), 0, 0, cv::INTER_LINEAR);
   outline.brain = cv::Mat::zeros(projection.mask.size(), CV_8UC1);
   cv::Mat(fine >= 128).copyTo(outline.brain(cv::Rect(0, 0, fine.cols, fine.rows)));
-  outline.text = "proposed by colour and place";
+  outline.text = "proposed by relief and colour";
   return outline;
 }
 

@@ -13,10 +13,12 @@ struct Outline {
   std::string text;  ///< for people: where it is from, or why it is not known
 };
 
-/// The brain by its colour and place: what has blood in it, cut off from bone, cloth and what looks like neither along
-/// the strongest edge (Rother, Kolmogorov and Blake, ACM Transactions on Graphics 23(3):309-314, 2004). Not known where
-/// no bone lies around it, since then nothing shows the colour of the light, or where colours leave doubt: brain like
-/// bone, or much that looks like brain beyond the edge. The same each time.
+/// The brain by relief, drawn to where colours change; neither asks which colours, so that light and tissue may have
+/// any. Where two bodies meet their surfaces form a crease (Hoffman and Richards, Parts of recognition, Cognition
+/// 18:65-96, 1984): the brain ends at the deepest closed crease, about which bone stands up. Known where, nearly all
+/// around, the edge is in view, bone is higher there than the brain would be if it went on, and colours differ at that
+/// same place. What stands out by a step of depth (instruments) is no brain; cotton that lies flat on it is not told
+/// from it. The same each time.
 Outline proposeOutline(const Projection& projection);
 
 }  // namespace cortshift_tracking

@@ -23,7 +23,8 @@ SENTENCE_WORDS = frozenset('''
     needed no not nothing nowhere of off on one only optical or other outline own parameter place points probe proposed reference
     residuals seemed seen service set should side small so surround surface tell tells than that the their there these they this tissue to
     together too tracker tracking turned under uncertainty until use view was what where which wide with without would least leaves
-    leave better knows little average from tracked hold rigid stage stages surfaces pair pairs are frame starts preoperative mr set_gravity degrees count'''.split())
+    leave better knows little average from tracked hold rigid stage stages surfaces pair pairs are frame starts preoperative mr set_gravity degrees count
+    colours craniotomy differ relief stands up way % an agree'''.split())
 #: Parts of the names in calibration files.
 KEY_WORDS = frozenset('''
     date verdict rms error residual views view images image width height size camera matrix distortion model coefficients rectification
