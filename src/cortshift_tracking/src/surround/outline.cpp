@@ -29,12 +29,9 @@ constexpr float kAside = 0.02F;         // of an edge 1 mm beside the foot, besi
 constexpr float kLeastStep = 0.001F;    // [m] dura is 0.3 to 0.8 mm thick, bone 3 to 8 mm
 // Of the surface beside the foot: from where to where it is carried on, and where it is compared [m].
 constexpr double kInside = -0.006, kInner = -0.001, kOuter = 0.003, kOutside = 0.005;
-constexpr double kLeastSeen = 0.65;  // of the way around: a retractor may hide a fifth, and the view end at some bone
-// Of what is seen. On the sets fit and choose 90 % at least where the edge is in view, and 0 % have a step where none
-// is
-// (`surround_benchmark --only outline`); blood over the rim hides up to a tenth.
-constexpr double kLeast = 0.85;
-constexpr float kTogether = 0.0012F;     // [m] relief and colour have the edge at the same place
+constexpr double kLeastSeen = 0.65;   // of the way around: a retractor may hide a fifth, and the view end at some bone
+constexpr double kLeast = 0.85;       // of what is seen: blood over the rim hides up to a tenth
+constexpr float kTogether = 0.0012F;  // [m] relief and colour have the edge at the same place
 constexpr double kSmallHole = 0.000025;  // [m^2] a glint or a shadow in the brain; more is something that lies on it
 
 /// Means over cells.
