@@ -139,6 +139,18 @@ TEST(Accuracy, LargeMotion) {
   EXPECT_GT(f.confidence.caught, 0.95);
 }
 
+// The rim rests, and hides what moves under it: a fit that says itself that it guesses is not believed.
+TEST(Accuracy, WhatALargeMotionHidesIsNotBelieved) {
+  const PlanarPhantom& phantom = phantomOf("motion80");
+  const FlowResult result = computeFlow(phantom.first, phantom.second);
+  const cv::Mat wrong = endpointError(result.flow, phantom.truth) > 1;
+  const double all = cv::countNonZero(wrong), believed = cv::countNonZero(wrong & (result.confidence > 0.05));
+  std::printf("wrong by more than 1 px %.3f, of them with some confidence %.4f\n",
+              all / static_cast<double>(wrong.total()), believed / all);
+  EXPECT_GT(all, 0.05 * static_cast<double>(wrong.total()));
+  EXPECT_LT(believed, 0.03 * all);
+}
+
 TEST(Accuracy, BloodHarmsOnlyWhatItHides) {
   const PlanarPhantom& phantom = phantomOf("blood");
   const FlowResult result = computeFlow(phantom.first, phantom.second);
