@@ -57,17 +57,6 @@ bool searchAtBothScales(const cv::Mat& image, const cv::Size& count, std::vector
   return search(image, count, corners);
 }
 
-bool isMirrored(const std::vector<cv::Point2f>& corners, const cv::Size& count) {
-  const cv::Point2f along_x = corners[count.width - 1] - corners[0];
-  const cv::Point2f along_y = corners[(count.height - 1) * count.width] - corners[0];
-  return along_x.cross(along_y) < 0;
-}
-
-void reverseRows(std::vector<cv::Point2f>& corners, const cv::Size& count) {
-  for (int y = 0; y < count.height; ++y)
-    std::reverse(corners.begin() + y * count.width, corners.begin() + (y + 1) * count.width);
-}
-
 /// Brightness of the squares of the first corner's colour minus that of the others.
 double firstColourContrast(const cv::Mat& image, const std::vector<cv::Point2f>& corners, const cv::Size& count) {
   double contrast = 0;
@@ -129,7 +118,6 @@ cv::Mat readGreyImage(const std::string& path) {
 std::optional<Corners> findBoard(const cv::Mat& image, const Board& board) {
   std::vector<cv::Point2f> corners;
   if (!searchAtBothScales(image, board.corners, corners)) return std::nullopt;
-  if (isMirrored(corners, board.corners)) reverseRows(corners, board.corners);
   if (!board.looksTheSameUpsideDown() && firstColourContrast(image, corners, board.corners) > 0)
     std::reverse(corners.begin(), corners.end());
 
