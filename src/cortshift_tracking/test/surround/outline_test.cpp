@@ -132,6 +132,12 @@ TEST(Outline, WithoutAStepNothingSaysWhereBoneBegins) {
   expectNotKnown(painted(head).projection, "of the way around");
 }
 
+TEST(Outline, AStepAsLowAsDuraIsNotBone) {
+  Head head;
+  head.bone = 0.0006;
+  expectNotKnown(painted(head).projection, "bone stands up around the brain on only");
+}
+
 TEST(Outline, AnEdgeThatColoursDoNotShowIsNotKnown) {
   Head head;
   head.tissue = {0.62, 0.66, 0.80};  // dura's: what is seen is the edge of dura on bone, elsewhere
