@@ -1,6 +1,6 @@
 #include "cortshift_tracking/shift.hpp"
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 #include <algorithm>
 #include <cmath>
@@ -238,14 +238,63 @@ TEST_F(Shift, SurfacesThatDoNotMeetAreRefused) {
   EXPECT_THROW(computeShift(earlier, later, directions(earlier)), TrackingError);
 }
 
-TEST(ShiftSettings, OutOfRangeValuesAreNamed) {
-  ShiftSettings settings;
-  settings.matching.channels = "red";
+std::string refusal(const ShiftSettings& settings) {
   try {
     settings.validate();
-    FAIL();
   } catch (const TrackingError& error) {
-    EXPECT_NE(std::string(error.what()).find("channels = 'red'"), std::string::npos);
+    return error.what();
+  }
+  return "";
+}
+
+TEST(ShiftSettings, OutOfRangeValuesAreNamedWithWhatIsAllowed) {
+  EXPECT_EQ(refusal({}), "");
+  ShiftSettings settings;
+  settings.matching.channels = "red";
+  EXPECT_THAT(refusal(settings), testing::HasSubstr("channels = 'red'"));
+
+  const std::pair<double& (*)(ShiftSettings&), const char*> ranges[] = {
+      {[](ShiftSettings& s) -> double& { return s.frame.resolution; }, "resolution|5e-05 ... 0.001"},
+      {[](ShiftSettings& s) -> double& { return s.frame.margin; }, "margin|0 ... 0.02"},
+      {[](ShiftSettings& s) -> double& { return s.projection.max_edge_ratio; }, "max_edge_ratio|2 ... 50"},
+      {[](ShiftSettings& s) -> double& { return s.projection.fold_tolerance; }, "fold_tolerance|0 ... 0.01"},
+      {[](ShiftSettings& s) -> double& { return s.matching.detail; }, "detail|0.5 ... 100"},
+      {[](ShiftSettings& s) -> double& { return s.matching.bend; }, "bend|0.01 ... 1000"},
+      {[](ShiftSettings& s) -> double& { return s.matching.search; }, "search|0.001 ... 0.05"},
+      {[](ShiftSettings& s) -> double& { return s.matching.coarse_resolution; }, "coarse_resolution|5e-05 ... 0.002"},
+      {[](ShiftSettings& s) -> double& { return s.trust.border; }, "border|0 ... 0.02"},
+      {[](ShiftSettings& s) -> double& { return s.trust.hole_border; }, "hole_border|0 ... 0.02"},
+      {[](ShiftSettings& s) -> double& { return s.trust.glare; }, "glare|0.5 ... 1"},
+      {[](ShiftSettings& s) -> double& { return s.trust.glare_margin; }, "glare_margin|0 ... 0.01"},
+      {[](ShiftSettings& s) -> double& { return s.trust.agreement.window; }, "match_window|0.0005 ... 0.02"},
+      {[](ShiftSettings& s) -> double& { return s.trust.agreement.image_noise; }, "image_noise|0 ... 0.2"},
+      {[](ShiftSettings& s) -> double& { return s.inversion.min_confidence; }, "min_confidence|0 ... 1"},
+      {[](ShiftSettings& s) -> double& { return s.surround.pose_translation_sd; }, "pose_translation_sd|0 ... 0.01"},
+      {[](ShiftSettings& s) -> double& { return s.surround.pose_rotation_sd; }, "pose_rotation_sd|0 ... 0.1"},
+      {[](ShiftSettings& s) -> double& { return s.surround.pose_latency_sd; }, "pose_latency_sd|0 ... 1"},
+      {[](ShiftSettings& s) -> double& { return s.strain.window; }, "strain_window|0.0005 ... 0.02"},
+  };
+  for (const auto& [of, said] : ranges) {
+    const std::string text = said;
+    const std::size_t bar = text.find('|');
+    for (double value : {-7.0, 7000.0}) {
+      ShiftSettings wrong;
+      of(wrong) = value;
+      EXPECT_EQ(refusal(wrong), text.substr(0, bar) + (value < 0 ? " = -7" : " = 7000") +
+                                    " is not allowed; allowed is " + text.substr(bar + 1));
+    }
+  }
+
+  const std::pair<int& (*)(ShiftSettings&), const char*> counts[] = {
+      {[](ShiftSettings& s) -> int& { return s.matching.coarse_rounds; }, "coarse_rounds = -7 is not allowed; allowed is 0 ... 10"},
+      {[](ShiftSettings& s) -> int& { return s.projection.threads; }, "threads = -7 is not allowed; allowed is 0 ... 256"},
+      {[](ShiftSettings& s) -> int& { return s.inversion.threads; }, "threads = -7 is not allowed; allowed is 0 ... 256"},
+      {[](ShiftSettings& s) -> int& { return s.strain.threads; }, "threads = -7 is not allowed; allowed is 0 ... 256"},
+  };
+  for (const auto& [of, said] : counts) {
+    ShiftSettings wrong;
+    of(wrong) = -7;
+    EXPECT_EQ(refusal(wrong), said);
   }
 }
 
