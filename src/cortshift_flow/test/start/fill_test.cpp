@@ -44,5 +44,16 @@ TEST(FillUnknown, AFlowIsContinuedAndIsZeroWhereNothingIsKnown) {
   EXPECT_EQ(flow.u.row(15)[5], 0);
 }
 
+TEST(FillUnknown, OneDoubtfulPixelIsEnough) {
+  FlowPlanes flow{Plane(kSize, 3.f), Plane(kSize, -1.f)};
+  cv::Mat1f weight(kSize, 0.f);
+  weight(4, 7) = 0.2f;
+  fillUnknown(flow, weight);
+  for (const int x : {0, 7, 39}) {
+    EXPECT_NEAR(flow.u.row(4)[x], 3, 1e-5);
+    EXPECT_NEAR(flow.v.row(29)[x], -1, 1e-5);
+  }
+}
+
 }  // namespace
 }  // namespace cortshift_flow
