@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
+#include <tuple>
 #include <vector>
 
 #include "cortshift_tracking/matching/image_matching.hpp"
@@ -147,6 +148,43 @@ TEST(ProbabilityOfHeight, FallsWithEveryDoubt) {
   EXPECT_GT(probabilityOfHeight({1e-4F, 0.5F}), 0.9);
   EXPECT_LT(probabilityOfHeight({5e-4F, 0.1F}), 0.5);
   EXPECT_LT(probabilityOfHeight({1e-3F, 0.05F}), 0.2);
+}
+
+double logOdds(float probability) { return std::log(static_cast<double>(probability) / (1 - static_cast<double>(probability))); }
+
+// What a fit wrote is not rounded, doubled or taken for another's by chance: the odds at one place, and how they change from there.
+TEST(Probabilities, AreThoseThatWereFitted) {
+  constexpr auto kE = static_cast<float>(M_E);
+  const MatchEvidence match{1e-4F, 0.5F, 0.05F, 0.1F, 5e-5F};
+  const double matched = logOdds(probabilityOfMatch(match));
+  EXPECT_NEAR(matched, -0.2283, 1e-3);
+  const auto changed = [&](float MatchEvidence::* doubt, float value) {
+    MatchEvidence other = match;
+    other.*doubt = value;
+    return logOdds(probabilityOfMatch(other)) - matched;
+  };
+  EXPECT_NEAR(changed(&MatchEvidence::flow_error, kE * 1e-4F), -0.6251, 1e-4);
+  EXPECT_NEAR(changed(&MatchEvidence::correlation, 0.6F), 0.4531, 1e-4);
+  EXPECT_NEAR(changed(&MatchEvidence::residual, kE * 0.05F), -0.7433, 1e-4);
+  EXPECT_NEAR(changed(&MatchEvidence::hue, kE * 0.1F), -0.4316, 1e-4);
+  EXPECT_NEAR(changed(&MatchEvidence::bend, kE * 5e-5F), -1.054, 1e-4);
+
+  const HeightEvidence height{3e-4F, 0.2F};
+  EXPECT_NEAR(logOdds(probabilityOfHeight(height)), -0.606, 1e-3);
+  EXPECT_NEAR(logOdds(probabilityOfHeight({kE * 3e-4F, 0.2F})), -0.606 - 1.505, 1e-3);
+  EXPECT_NEAR(logOdds(probabilityOfHeight({3e-4F, kE * 0.2F})), -0.606 + 1.506, 1e-3);
+
+  // Beyond what the fit has seen nothing changes.
+  const std::tuple<float MatchEvidence::*, float, float> ends[] = {{&MatchEvidence::flow_error, 3e-6F, 1e-3F},
+                                                                   {&MatchEvidence::residual, 0.002F, 0.2F},
+                                                                   {&MatchEvidence::hue, 0.01F, 1.0F},
+                                                                   {&MatchEvidence::bend, 5e-6F, 5e-4F}};
+  for (const auto& [doubt, low, high] : ends) {
+    EXPECT_EQ(changed(doubt, low), changed(doubt, 0.1F * low));
+    EXPECT_LT(changed(doubt, 1.1F * low), changed(doubt, low));
+    EXPECT_EQ(changed(doubt, high), changed(doubt, 10 * high));
+    EXPECT_GT(changed(doubt, 0.9F * high), changed(doubt, high));
+  }
 }
 
 TEST(Agreement, AnInstrumentOfAnotherHueIsSeenAndTheLampsColourIsNot) {

@@ -65,9 +65,14 @@ TEST(HandEye, MeetsItsBoundWithTrackerNoiseAndNamesTheGrossOutlier) {
     rotations.push_back(errors.rotation);
     sigmas.push_back(errors.translation / cv::norm(result.position_sd));
     ASSERT_GE(result.methods.size(), 3U);
-    double best = 1;
-    for (const auto& method : result.methods)
+    double best = 1, spread = 0;
+    for (const auto& method : result.methods) {
       best = std::min(best, errorsOf(truth, method.T_microscope_left).translation);
+      for (const auto& other : result.methods)
+        spread = std::max(spread, cv::norm(method.T_microscope_left.translation() - other.T_microscope_left.translation()));
+    }
+    EXPECT_EQ(result.method_spread, spread);
+    EXPECT_GT(spread, 0);
     best_methods.push_back(best);
   }
   std::printf("translation error: median %.3f mm, largest %.3f mm; rotation error: median %.4f deg, largest %.4f deg\n",
