@@ -40,7 +40,7 @@ void writeHandEyeYaml(const std::string& path, const HandEyeReport& report) {
   text << "# Pose of the left camera in the microscope's tracked body (metres, unit quaternion x y z w).\n"
        << report.verdict.yaml() << "date: " << report.date << "\nimages: " << YAML::Dump(YAML::Node(report.images))
        << "\ncamera: " << YAML::Dump(YAML::Node(report.camera)) << "\nboard: {inner_corners: " << report.board.name()
-       << ", square_mm: " << exactText(report.board.square / kMillimetre) << "}\n"
+       << ", square_mm: " << exactText(1e3 * report.board.square) << "}\n"
        << "parent_frame: " << kParent << "\nchild_frame: " << kChild << "\n"
        << "translation: " << exactText(listOf(pose.translation())) << "\n"
        << "rotation: " << exactText(listOf(quaternionFromRotation(pose.rotation()))) << "\n"

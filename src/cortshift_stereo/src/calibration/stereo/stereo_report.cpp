@@ -16,10 +16,13 @@ namespace {
 
 constexpr double kMillimetre = 1e-3;
 
+/// Of metres. A product rounds 0.0042 m to 4.2 mm, a quotient does not.
+double millimetres(double metres) { return 1e3 * metres; }
+
 std::string errorsText(const SetErrors& errors, const std::string& indent) {
   return indent + "reprojection_rms_px: " + fixedText(errors.reprojection_rms, 4) + "\n" + indent +
          "epipolar_rms_px: " + fixedText(errors.epipolar_rms, 4) + "\n" + indent +
-         "corner_spacing_error_mm: " + fixedText(errors.spacing_error / kMillimetre, 4) + "\n";
+         "corner_spacing_error_mm: " + fixedText(millimetres(errors.spacing_error), 4) + "\n";
 }
 
 std::string pairsText(const SetErrors& errors, const std::string& indent) {
@@ -28,7 +31,7 @@ std::string pairsText(const SetErrors& errors, const std::string& indent) {
     text += indent + "  - {name: \"" + pair.name + "\", reprojection_rms_px: " + fixedText(pair.rms, 4) +
             ", left_rms_px: " + fixedText(pair.left_rms, 4) + ", right_rms_px: " + fixedText(pair.right_rms, 4) +
             ", epipolar_rms_px: " + fixedText(pair.epipolar_rms, 4) +
-            ", corner_spacing_error_mm: " + fixedText(pair.spacing_error / kMillimetre, 4) + "}\n";
+            ", corner_spacing_error_mm: " + fixedText(millimetres(pair.spacing_error), 4) + "}\n";
   return text;
 }
 
@@ -71,22 +74,22 @@ std::string reportText(const StereoReport& report) {
        << report.verdict.yaml() << "date: " << report.date << "\nimages: " << YAML::Dump(YAML::Node(report.images))
        << "\n"
        << "board: {inner_corners: " << report.board.name()
-       << ", square_mm: " << exactText(report.board.square / kMillimetre) << "}\n"
+       << ", square_mm: " << exactText(millimetres(report.board.square)) << "}\n"
        << "image_size_px: [" << parameters.size.width << ", " << parameters.size.height << "]\n"
        << cameraText("left", parameters.K_left, parameters.lens, parameters.D_left)
        << cameraText("right", parameters.K_right, parameters.lens, parameters.D_right)
        << "left_in_right: {rotation_vector_deg: "
        << exactText({turn[0] * to_degrees, turn[1] * to_degrees, turn[2] * to_degrees}) << ", translation_mm: "
-       << exactText({parameters.t_right_left[0] / kMillimetre, parameters.t_right_left[1] / kMillimetre,
-                     parameters.t_right_left[2] / kMillimetre})
+       << exactText({millimetres(parameters.t_right_left[0]), millimetres(parameters.t_right_left[1]),
+                     millimetres(parameters.t_right_left[2])})
        << "}\n"
-       << "baseline_mm: " << fixedText(cv::norm(parameters.t_right_left) / kMillimetre, 4) << "\n"
+       << "baseline_mm: " << fixedText(millimetres(cv::norm(parameters.t_right_left)), 4) << "\n"
        << "focal_length_deviation_percent: " << fixedText(100 * calibration.focal_deviation, 3) << "\n"
        << "lens: " << nameOf(parameters.lens)
        << "\nreprojection_rms_alone_px: {left: " << fixedText(calibration.left_alone_rms, 4)
        << ", right: " << fixedText(calibration.right_alone_rms, 4) << "}  # each camera without the other\n"
        << "reach: " << fixedText(calibration.reach, 2) << "  # of the corners, towards the worst corner of the image\n"
-       << "board_distance_mm: " << fixedText(calibration.distance / kMillimetre, 1) << "\n"
+       << "board_distance_mm: " << fixedText(millimetres(calibration.distance), 1) << "\n"
        << "distortion_model: " << calibration.model
        << "  # fewest terms within 1 % of the lowest cross-validated reprojection error\n"
        << "cross_validation:\n";
@@ -108,7 +111,7 @@ std::string remarksText(const StereoReport& report) {
   const auto& held_out = chosenScore(report.calibration).held_out;
   return report.verdict.line() + "\nCalibrated " + report.date + " from " +
          std::to_string(report.calibration.used.pairs.size()) + " views of a " + report.board.name() +
-         " board with squares of " + exactText(report.board.square / kMillimetre) +
+         " board with squares of " + exactText(millimetres(report.board.square)) +
          " mm.\nLens: " + nameOf(report.calibration.parameters.lens) + ", terms " + report.calibration.model +
          ". Reprojection RMS " + fixedText(report.calibration.used.reprojection_rms, 3) + " px, on held-out views " +
          fixedText(held_out.reprojection_rms, 3) + " px, epipolar " + fixedText(held_out.epipolar_rms, 3) + " px.";

@@ -1,6 +1,7 @@
 #include "cortshift_stereo/calibration/hand_eye/pose_table.hpp"
 
 #include <gmock/gmock.h>
+#include <yaml-cpp/yaml.h>
 
 #include <fstream>
 
@@ -89,6 +90,66 @@ TEST(HandEyeYaml, ReadsBackItsPoseAndRefusesOthers) {
   EXPECT_THAT(refused(frames + "translation: [0, 0]\nrotation: [0, 0, 0, 1]\n"), testing::HasSubstr("3 numbers"));
   EXPECT_THAT(refused("parent_frame: left_optical\nchild_frame: microscope\ntranslation: [0, 0, 0]\n"),
               testing::HasSubstr("it is the pose of microscope in left_optical"));
+}
+
+TEST(HandEyeYaml, EveryNumberStandsUnderItsKey) {
+  const ScratchFolder folder;
+  HandEyeReport report;
+  report.date = "2014-01-02T03:04:05Z";
+  report.images = "views: of Monday";
+  report.camera = "left.yaml";
+  report.board = {{9, 6}, 0.0042};
+  report.settings = {0.0003, 0.2 * CV_PI / 180, 0.1};
+  HandEyeCalibration& calibration = report.calibration;
+  calibration.position_sd = {0.1e-3, 0.2e-3, 0.3e-3};
+  calibration.rotation_sd = cv::Vec3d(0.01, 0.02, 0.03) * (CV_PI / 180);
+  calibration.rotation_diversity = cv::Vec3d(21, 12, 3) * (CV_PI / 180);
+  calibration.misfit = 1.25;
+  calibration.reprojection_rms = 2.5;
+  calibration.method_spread = 0.7e-3;
+  calibration.methods = {{"Tsai", {}, 0.4e-3, 0.05 * CV_PI / 180}};
+  calibration.residuals = {{"a.png", 0.31, 0.6e-3, 0.07 * CV_PI / 180}};
+  calibration.rejected = {{"b.png", "blurred"}};
+  writeHandEyeYaml(folder.file("hand_eye.yaml"), report);
+  const YAML::Node read = YAML::LoadFile(folder.file("hand_eye.yaml"));
+  const auto numbers = [&](const char* key) { return read[key].as<std::vector<double>>(); };
+  EXPECT_EQ(read["date"].as<std::string>(), report.date);
+  EXPECT_EQ(read["images"].as<std::string>(), report.images);
+  EXPECT_EQ(read["camera"].as<std::string>(), report.camera);
+  EXPECT_EQ(read["board"]["inner_corners"].as<std::string>(), "9x6");
+  EXPECT_EQ(read["board"]["square_mm"].as<std::string>(), "4.2");
+  EXPECT_THAT(numbers("translation_deviation_mm"), testing::ElementsAre(0.1, 0.2, 0.3));
+  EXPECT_THAT(numbers("rotation_deviation_deg"), testing::ElementsAre(0.01, 0.02, 0.03));
+  EXPECT_THAT(numbers("rotation_diversity_deg"), testing::ElementsAre(21, 12, 3));
+  EXPECT_EQ(read["tracker_assumed"]["position_sd_mm"].as<double>(), 0.3);
+  EXPECT_EQ(read["tracker_assumed"]["rotation_sd_deg"].as<double>(), 0.2);
+  EXPECT_EQ(read["misfit"].as<double>(), 1.25);
+  EXPECT_EQ(read["reprojection_rms_px"].as<double>(), 2.5);
+  EXPECT_EQ(read["method_spread_mm"].as<double>(), 0.7);
+  EXPECT_EQ(read["methods"][0]["name"].as<std::string>(), "Tsai");
+  EXPECT_EQ(read["methods"][0]["translation_difference_mm"].as<double>(), 0.4);
+  EXPECT_EQ(read["methods"][0]["rotation_difference_deg"].as<double>(), 0.05);
+  EXPECT_EQ(read["views"][0]["name"].as<std::string>(), "a.png");
+  EXPECT_EQ(read["views"][0]["reprojection_rms_px"].as<double>(), 0.31);
+  EXPECT_EQ(read["views"][0]["position_residual_mm"].as<double>(), 0.6);
+  EXPECT_EQ(read["views"][0]["rotation_residual_deg"].as<double>(), 0.07);
+  EXPECT_EQ(read["rejected"][0]["name"].as<std::string>(), "b.png");
+  EXPECT_EQ(read["rejected"][0]["reason"].as<std::string>(), "blurred");
+}
+
+TEST(HandEyeSettings, WhatIsOutOfRangeIsNamedWithWhatIsAllowed) {
+  const auto refusal = [](const HandEyeSettings& settings) -> std::string {
+    try {
+      settings.validate();
+    } catch (const CalibrationError& fault) {
+      return fault.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(refusal({}), "");
+  EXPECT_EQ(refusal({7, 0.01, 0.1}), "tracker_position_sd [m] = 7 is not allowed; allowed is 1e-06 ... 0.02");
+  EXPECT_EQ(refusal({1e-3, 0, 0.1}), "tracker_rotation_sd [rad] = 0 is not allowed; allowed is 1e-06 ... 0.1");
+  EXPECT_EQ(refusal({1e-3, 0.01, 11}), "corner_sd [px] = 11 is not allowed; allowed is 0.001 ... 10");
 }
 
 }  // namespace
