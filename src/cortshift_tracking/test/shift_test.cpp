@@ -286,9 +286,12 @@ TEST(ShiftSettings, OutOfRangeValuesAreNamedWithWhatIsAllowed) {
   }
 
   const std::pair<int& (*)(ShiftSettings&), const char*> counts[] = {
-      {[](ShiftSettings& s) -> int& { return s.matching.coarse_rounds; }, "coarse_rounds = -7 is not allowed; allowed is 0 ... 10"},
-      {[](ShiftSettings& s) -> int& { return s.projection.threads; }, "threads = -7 is not allowed; allowed is 0 ... 256"},
-      {[](ShiftSettings& s) -> int& { return s.inversion.threads; }, "threads = -7 is not allowed; allowed is 0 ... 256"},
+      {[](ShiftSettings& s) -> int& { return s.matching.coarse_rounds; },
+       "coarse_rounds = -7 is not allowed; allowed is 0 ... 10"},
+      {[](ShiftSettings& s) -> int& { return s.projection.threads; },
+       "threads = -7 is not allowed; allowed is 0 ... 256"},
+      {[](ShiftSettings& s) -> int& { return s.inversion.threads; },
+       "threads = -7 is not allowed; allowed is 0 ... 256"},
       {[](ShiftSettings& s) -> int& { return s.strain.threads; }, "threads = -7 is not allowed; allowed is 0 ... 256"},
   };
   for (const auto& [of, said] : counts) {

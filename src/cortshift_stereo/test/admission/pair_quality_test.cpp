@@ -41,7 +41,7 @@ TEST(ImageQuality, ContrastAndSaturationAreCounted) {
   EXPECT_EQ(measureImage(image).saturated_share, 0);
   image.colRange(0, 20).setTo(cv::Scalar(120, 140, 160));  // a quarter, 20 levels brighter
   EXPECT_NEAR(measureImage(image).contrast, 20 * std::sqrt(0.25 * 0.75), 1e-9);
-  image.colRange(0, 20).setTo(cv::Scalar(250, 250, 20));  // two channels are enough
+  image.colRange(0, 20).setTo(cv::Scalar(250, 250, 20));   // two channels are enough
   image.colRange(20, 40).setTo(cv::Scalar(249, 255, 20));  // one is not
   EXPECT_EQ(measureImage(image).saturated_share, 0.25);
 }

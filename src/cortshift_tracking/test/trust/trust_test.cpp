@@ -150,15 +150,18 @@ TEST(ProbabilityOfHeight, FallsWithEveryDoubt) {
   EXPECT_LT(probabilityOfHeight({1e-3F, 0.05F}), 0.2);
 }
 
-double logOdds(float probability) { return std::log(static_cast<double>(probability) / (1 - static_cast<double>(probability))); }
+double logOdds(float probability) {
+  return std::log(static_cast<double>(probability) / (1 - static_cast<double>(probability)));
+}
 
-// What a fit wrote is not rounded, doubled or taken for another's by chance: the odds at one place, and how they change from there.
+// What a fit wrote is not rounded, doubled or taken for another's by chance: the odds at one place, and how they change
+// from there.
 TEST(Probabilities, AreThoseThatWereFitted) {
   constexpr auto kE = static_cast<float>(M_E);
   const MatchEvidence match{1e-4F, 0.5F, 0.05F, 0.1F, 5e-5F};
   const double matched = logOdds(probabilityOfMatch(match));
   EXPECT_NEAR(matched, -0.2283, 1e-3);
-  const auto changed = [&](float MatchEvidence::* doubt, float value) {
+  const auto changed = [&](float MatchEvidence::*doubt, float value) {
     MatchEvidence other = match;
     other.*doubt = value;
     return logOdds(probabilityOfMatch(other)) - matched;

@@ -69,7 +69,8 @@ TEST(HandEye, MeetsItsBoundWithTrackerNoiseAndNamesTheGrossOutlier) {
     for (const auto& method : result.methods) {
       best = std::min(best, errorsOf(truth, method.T_microscope_left).translation);
       for (const auto& other : result.methods)
-        spread = std::max(spread, cv::norm(method.T_microscope_left.translation() - other.T_microscope_left.translation()));
+        spread =
+            std::max(spread, cv::norm(method.T_microscope_left.translation() - other.T_microscope_left.translation()));
     }
     EXPECT_EQ(result.method_spread, spread);
     EXPECT_GT(spread, 0);
