@@ -101,6 +101,14 @@ TEST(Mismatch, WhatIsAMismatchFollowsWhatIsUsual) {
   }
 }
 
+TEST(Mismatch, WhatIsUsualIsTheMedianOfTheImage) {
+  const cv::Size size(9, 30);
+  Level level{cv::Mat4f(size, cv::Vec4f(0.5f, 0.5f, 0.5f, 0)), cv::Mat4f(size, cv::Vec4f(0.5f, 0.5f, 0.5f, 0)), {}, {}};
+  level.second.colRange(4, 9).setTo(cv::Scalar(0.51, 0.5, 0.5, 0));
+  // Windows five wide: of the nine columns the fifth is in the middle, with 3 of 5 above.
+  EXPECT_NEAR(mismatchScale(level, constantFlow(size, 0, 0), 1).suspect, 4 * 0.006, 1e-4);
+}
+
 TEST(Mismatch, ShownIsWhatBothImagesHave) {
   const Scene scene;
   const cv::Mat1b seen = shown(scene.level, scene.flow, 1);

@@ -6,7 +6,6 @@
 #include <cmath>
 
 #include "textures.hpp"
-#include "trust/mismatch.hpp"
 
 namespace cortshift_flow {
 namespace {
@@ -80,69 +79,6 @@ TEST(Consistent, IsWhereBothWaysLeadBack) {
   EXPECT_EQ(agree(1, 60), 0);    // leaves the image above
   EXPECT_EQ(agree(43, 117), 0);  // and to the right
   EXPECT_EQ(consistent(there, back, 2.5f, 1)(43, 60), 1);
-}
-
-TEST(Mismatch, IsTheDifferenceOfThreeChannelsAndSaturates) {
-  Level level{
-      cv::Mat4f(kSize, cv::Vec4f(0.5f, 0.5f, 0.5f, 0)), cv::Mat4f(kSize, cv::Vec4f(0.52f, 0.49f, 0.53f, 0.9f)), {}, {}};
-  EXPECT_NEAR(windowMismatch(level, constantFlow(kSize, 0.3f, 0.6f), 2, 1).row(45)[60], 0.06, 1e-5);
-  level.second.setTo(cv::Scalar::all(0.9));
-  EXPECT_NEAR(windowMismatch(level, constantFlow(kSize, 0, 0), 2, 1).row(45)[60], kLargestMismatch, 1e-5);
-  EXPECT_NEAR(windowMismatch(level, constantFlow(kSize, 200, 0), 2, 1).row(45)[60], kUnseen, 1e-5);
-}
-
-TEST(Mismatch, ReadsBetweenPixelsAndOnlyWhatCounts) {
-  const auto ramp = [](float x, float y) { return 0.3f + 0.002f * x + 0.003f * y; };
-  Level level{
-      imageOf(kSize, [&](float x, float y) { return ramp(x + 1.5f, y - 0.25f); }), imageOf(kSize, ramp), {}, {}};
-  const FlowPlanes flow = constantFlow(kSize, 1.5f, -0.25f);
-  EXPECT_NEAR(windowMismatch(level, flow, 1, 1).row(45)[60], 0, 1e-5);
-  EXPECT_NEAR(windowMismatch(level, constantFlow(kSize, 3.5f, -0.25f), 1, 1).row(45)[60], 3 * 0.004, 1e-5);
-  level.second_valid = cv::Mat1b(kSize, uchar{1});
-  level.second_valid(44, 61) = 0;  // of the nine around (60, 45) the middle leads there
-  EXPECT_NEAR(windowMismatch(level, flow, 1, 1).row(45)[60], kUnseen / 9, 1e-5);
-  EXPECT_EQ(shown(level, flow, 1)(45, 60), 0);
-  EXPECT_EQ(shown(level, flow, 1)(45, 61), 1);
-  EXPECT_EQ(shown(level, flow, 1)(0, 60), 0);
-}
-
-TEST(Mismatch, TheBetterOfTwoFlowsIsAdoptedWhereItMay) {
-  const cv::Mat4f first = grains(kSize, 1);
-  cv::Mat4f second = first.clone();
-  first.colRange(0, 116).copyTo(second.colRange(4, 120));  // all moves by 4
-  cv::Mat1b eligible(kSize, uchar{1});
-  eligible.rowRange(0, 40).setTo(0);
-  FlowPlanes flow = constantFlow(kSize, 0, 0);
-  adoptWhereBetter({first, second, {}, {}}, constantFlow(kSize, 4, 0), eligible, flow, 1);
-  EXPECT_EQ(flow.u.row(60)[60], 4);
-  EXPECT_EQ(flow.u.row(20)[60], 0);
-  adoptWhereBetter({first, second, {}, {}}, constantFlow(kSize, 1, 0), cv::Mat1b(kSize, uchar{1}), flow, 1);
-  EXPECT_EQ(flow.u.row(60)[60], 4);
-}
-
-TEST(MismatchScale, FollowsWhatIsUsual) {
-  const auto scaleAt = [](float usual) {
-    Level level{cv::Mat4f(kSize, cv::Vec4f(0.5f, 0.5f, 0.5f, 0)),
-                cv::Mat4f(kSize, cv::Vec4f(0.5f + usual, 0.5f, 0.5f, 0)),
-                {},
-                {}};
-    return mismatchScale(level, constantFlow(kSize, 0, 0), 1);
-  };
-  EXPECT_NEAR(scaleAt(0.001f).suspect, 0.02, 1e-4);  // never less
-  EXPECT_NEAR(scaleAt(0.01f).suspect, 0.04, 1e-4);   // four times what is usual
-  EXPECT_NEAR(scaleAt(0.05f).suspect, 0.12, 1e-4);   // and not more
-  EXPECT_NEAR(scaleAt(0.1f).suspect, 0.15, 1e-4);    // unless the usual itself is near
-  EXPECT_NEAR(scaleAt(0.01f).unmatched, 0.065, 1e-4);
-  EXPECT_NEAR(scaleAt(0.001f).unmatched, 0.04, 1e-4);
-  EXPECT_NEAR(scaleAt(0.1f).unmatched, 0.17, 1e-4);
-}
-
-TEST(MismatchScale, TheUsualIsTheMedianOfTheImage) {
-  const cv::Size size(9, 30);
-  Level level{cv::Mat4f(size, cv::Vec4f(0.5f, 0.5f, 0.5f, 0)), cv::Mat4f(size, cv::Vec4f(0.5f, 0.5f, 0.5f, 0)), {}, {}};
-  level.second.colRange(4, 9).setTo(cv::Scalar(0.51, 0.5, 0.5, 0));
-  // Windows five wide: of the nine columns the fifth is in the middle, with 3 of 5 above.
-  EXPECT_NEAR(mismatchScale(level, constantFlow(size, 0, 0), 1).suspect, 4 * 0.006, 1e-4);
 }
 
 }  // namespace
