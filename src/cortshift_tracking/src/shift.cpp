@@ -88,15 +88,15 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
     result.own_displacements_pmr = displacementsOfPoints(earlier.frame, result.earlier, result.later, registered.flow,
                                                          confidence, settings.inversion);
   }
+  const Outline outline = knowledge.brain.empty()
+                              ? earlier.outline
+                              : Outline{excludedMask(earlier.frame, knowledge.brain), "drawn by hand"};
+  result.field.brain = outline.brain;
   const Surround surround = assessSurround(result.field, knowledge, settings.surround);
   if (surround.corrected) {
     takeOut(surround.transform, result.field.start_pmr, result.field.displacement_pmr);
     if (settings.with_own_points) takeOut(surround.transform, result.own_points_pmr, result.own_displacements_pmr);
   }
-  const Outline outline = knowledge.brain.empty()
-                              ? earlier.outline
-                              : Outline{excludedMask(earlier.frame, knowledge.brain), "drawn by hand"};
-  result.field.brain = outline.brain;
   const auto pixelOf = [&](const Projection& projection, const std::optional<PlacedCamera>& camera) {
     const double spacing = projection.max_edge / settings.projection.max_edge_ratio * projection.resolution;
     return pixelOfDisparity(projection, spacing, earlier.frame, camera, knowledge.baseline);

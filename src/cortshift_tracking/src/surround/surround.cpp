@@ -44,24 +44,38 @@ PlacedCamera placed(const std::optional<PlacedCamera>& camera, const Displacemen
   return out;
 }
 
-/// Pieces that should not move: pale ones around the flesh, or, where the brain was drawn, all outside it but cloth.
-std::vector<Piece> restingPieces(const Pieces& pieces, const cv::Mat& brain, bool& flesh_in_view) {
-  const cv::Mat tissue = tissueOf(pieces);
-  flesh_in_view = true;
+/// What should not move, and whether it can be that.
+struct Resting {
+  std::vector<Piece> pieces;
+  bool flesh_in_view = true;
+  bool may_be_brain = false;  ///< nothing says that what lies outside the outline is no brain
+};
+
+/// Pale pieces around the flesh, or, where the brain's outline is known, all outside it but cloth. An outline that was
+/// drawn is believed. One that was proposed may be the edge of a hole in the brain: flesh around it is no bone, and
+/// where the brain has no colour of its own it must be larger than what is around it.
+Resting restingPieces(const Pieces& pieces, const cv::Mat& brain, bool drawn) {
+  const cv::Mat tissue = tissueOf(pieces), flesh = tissue == static_cast<uchar>(Tissue::kFlesh);
+  Resting out;
   cv::Mat resting;
   if (brain.empty()) {
     resting = paleAround(tissue);
-    flesh_in_view = cv::countNonZero(tissue == static_cast<uchar>(Tissue::kFlesh)) > 0;
+    out.flesh_in_view = cv::countNonZero(flesh) > 0;
   } else {
-    cv::Mat share;
+    cv::Mat share, wide;
     cv::resize(brain, share, pieces.size, 0, 0, cv::INTER_AREA);
-    cv::dilate(share, share, cv::Mat());  // a line drawn by hand is right to about a piece
-    resting = (share == 0) & (tissue != static_cast<uchar>(Tissue::kCloth));
+    cv::dilate(share, wide, cv::Mat());  // an outline is right to about a piece
+    resting =
+        (wide == 0) & (tissue != static_cast<uchar>(Tissue::kNone)) & (tissue != static_cast<uchar>(Tissue::kCloth));
+    const cv::Mat inside = (share == 255) & (tissue != static_cast<uchar>(Tissue::kNone));
+    const int all = cv::countNonZero(inside);
+    const bool coloured = 2 * cv::countNonZero(flesh & inside) > all;
+    if (!drawn && coloured) resting &= ~flesh;
+    out.may_be_brain = !drawn && !coloured && all < cv::countNonZero(resting);
   }
-  std::vector<Piece> chosen;
   for (const Piece& piece : pieces.all)
-    if (resting.at<uchar>(piece.cell) != 0) chosen.push_back(piece);
-  return chosen;
+    if (resting.at<uchar>(piece.cell) != 0) out.pieces.push_back(piece);
+  return out;
 }
 
 std::vector<MovedPiece> moved(const std::vector<Piece>& pieces) {
@@ -118,16 +132,22 @@ Surround assessSurround(const DisplacementField& field, const PairKnowledge& kno
     return surround;
   }
 
-  bool flesh_in_view = true;
-  const cv::Mat brain = knowledge.brain.empty() ? cv::Mat() : excludedMask(field.frame, knowledge.brain);
-  const std::vector<Piece> chosen = restingPieces(pieces, brain, flesh_in_view);
-  const std::vector<MovedPiece> resting = moved(chosen);
+  const Resting chosen = restingPieces(pieces, field.brain, !knowledge.brain.empty());
+  const std::vector<MovedPiece> resting = moved(chosen.pieces);
   const double piece_area = pieces.side * pieces.side;
   surround.area = static_cast<double>(resting.size()) * piece_area;
-  if (surround.area < kLeastArea || !flesh_in_view) {
+  if (surround.area < kLeastArea || !chosen.flesh_in_view) {
     surround.finding = SurroundFinding::kUnseen;
-    surround.text = formatted("no correction: %.1f cm2 of bone around the brain in view, at least %.0f are needed",
-                              squareCentimetres(flesh_in_view ? surround.area : 0), squareCentimetres(kLeastArea));
+    surround.text =
+        formatted("no correction: %.1f cm2 of bone around the brain in view, at least %.0f are needed",
+                  squareCentimetres(chosen.flesh_in_view ? surround.area : 0), squareCentimetres(kLeastArea));
+    return surround;
+  }
+  if (chosen.may_be_brain) {
+    refuse(surround,
+           "colour does not tell bone from brain here, and the proposed outline is smaller than what is around "
+           "it, as the edge of a hole is; draw the brain's outline");
+    surround.warnings.push_back("surround: " + surround.text);
     return surround;
   }
 

@@ -174,21 +174,58 @@ TEST(Surround, TheCorrectionCanBeUndone) {
   EXPECT_LT(cv::norm(apart, cv::NORM_INF), 1e-7);
 }
 
-TEST(Surround, AnOutlineDrawnByHandCountsMoreThanColour) {
-  RestingScene scene;  // all of one colour
-  scene.cover = [](double, double, Matter matter) { return matter == Matter::kDrape ? Matter::kNothing : matter; };
-  DisplacementField field = scene.seen(RestingScene::drift(11, 0.001, 0.2 * kDegree));
-  field.colour.setTo(cv::Scalar(150, 150, 205));
-  EXPECT_EQ(assessSurround(field, {}).finding, SurroundFinding::kUnseen);
-  PairKnowledge knowledge;
+/// An ellipse about the middle of the scene's view; the frame's origin is the corner.
+Region ellipse(double radius_x, double radius_y) {
   Region outline;
-  for (int i = 0; i < 60; ++i)  // the frame's origin is the corner of the view
-    outline.emplace_back(0.04 + 0.0285 * std::cos(2 * M_PI * i / 60), 0.03 + 0.0225 * std::sin(2 * M_PI * i / 60));
-  knowledge.brain = {outline};
+  for (int i = 0; i < 60; ++i)
+    outline.emplace_back(0.04 + radius_x * std::cos(2 * M_PI * i / 60), 0.03 + radius_y * std::sin(2 * M_PI * i / 60));
+  return outline;
+}
+
+void expectCorrected(DisplacementField field, const PairKnowledge& knowledge, const RestingScene& scene) {
   const Surround surround = assessSurround(field, knowledge);
   ASSERT_TRUE(surround.corrected) << surround.text;
   takeOut(surround.transform, field.start_pmr, field.displacement_pmr);
   EXPECT_LT(errorsOnBrain(field.displacement_pmr, scene).p95, 0.00025);
+}
+
+TEST(Surround, AnOutlineDrawnByHandCountsMoreThanColour) {
+  RestingScene scene;
+  scene.cover = [](double, double, Matter matter) { return matter == Matter::kDrape ? Matter::kNothing : matter; };
+  DisplacementField field = scene.seen(RestingScene::drift(11, 0.001, 0.2 * kDegree));
+  field.colour.setTo(cv::Scalar(150, 150, 205));  // all is flesh
+  EXPECT_EQ(assessSurround(field, {}).finding, SurroundFinding::kUnseen);
+  PairKnowledge knowledge;
+  knowledge.brain = {ellipse(0.0285, 0.0225)};
+  field.brain = excludedMask(field.frame, knowledge.brain);
+  expectCorrected(field, knowledge, scene);
+}
+
+TEST(Surround, WhereColourTellsNothingTheProposedOutlineDoes) {
+  RestingScene scene;
+  scene.cover = [](double, double, Matter matter) { return matter == Matter::kDrape ? Matter::kNothing : matter; };
+  DisplacementField field = scene.seen(RestingScene::drift(11, 0.001, 0.2 * kDegree));
+  field.colour.setTo(cv::Scalar(150, 150, 150));  // all is as pale as bone
+  EXPECT_FALSE(assessSurround(field, {}).corrected);
+  field.brain = excludedMask(field.frame, {ellipse(0.0285, 0.0225)});
+  expectCorrected(field, {}, scene);
+}
+
+// The deepest edge in view is that of a cavity, and the brain around it rose as one.
+TEST(Surround, BrainAroundAHoleIsNoBone) {
+  RestingScene scene;
+  scene.sag = 0;
+  scene.bone = 0.001;
+  scene.movement = [](double, double, Matter matter) {
+    return Eigen::Vector3d(0, 0, matter == Matter::kBrain ? 0.0006 : 0);
+  };
+  DisplacementField field = scene.seen();
+  field.brain = excludedMask(field.frame, {ellipse(0.008, 0.007)});
+  EXPECT_FALSE(assessSurround(field, {}).corrected);
+  field.colour.setTo(cv::Scalar(150, 150, 150));
+  const Surround grey = assessSurround(field, {});
+  EXPECT_FALSE(grey.corrected);
+  EXPECT_THAT(grey.text, testing::HasSubstr("colour does not tell bone from brain here"));
 }
 
 }  // namespace
