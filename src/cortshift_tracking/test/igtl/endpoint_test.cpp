@@ -84,7 +84,7 @@ class Peer {
 
  private:
   int socket_;
-  StreamDecoder decoder_{64 << 20};
+  StreamDecoder decoder_{128 << 20};
 };
 
 /// An endpoint that answers STRING with the same text, calls "bad" a breach of the protocol and fails over "odd".
@@ -272,6 +272,34 @@ TEST_F(EndpointTest, SlowPeersSkip) {
   }
   EXPECT_LT(messages, 20 * last / 2);
   EXPECT_GT(got, 0);
+}
+
+// An updated MR of a whole head, 256 x 256 x 256 voxels, to a peer that takes it slowly: every voxel arrives, the
+// answer to what it asked meanwhile comes after it, and others do not wait.
+TEST_F(EndpointTest, AWholeHeadArrives) {
+  constexpr int kSide = 256;
+  std::vector<float> values(static_cast<std::size_t>(kSide) * kSide * kSide);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<float>(i % 1021);
+  start({});
+  Peer slow(endpoint_->port()), other(endpoint_->port());
+  expectEcho(slow, "here");
+  endpoint_->publish("UpdatedMR",
+                     toPacket(composeVolume({"UpdatedMR", 5}, {kSide, kSide, kSide, values.data()},
+                                            Eigen::Matrix4d::Identity(), Axes::kLps)),
+                     true);
+  slow.send(composeString({"ask", 1}, "and then?"));
+  const auto first = other.receive();
+  const auto head = slow.receive(), answer = slow.receive();
+  for (const auto& message : {head, first}) {
+    ASSERT_TRUE(message);
+    EXPECT_EQ(message->type, "IMAGE");
+    ASSERT_GT(message->content.size(), 4 * values.size());
+    EXPECT_EQ(std::memcmp(message->content.data() + message->content.size() - 4 * values.size(), values.data(),
+                          4 * values.size()),
+              0);
+  }
+  ASSERT_TRUE(answer);
+  EXPECT_EQ(decodeString(*answer), "and then?");
 }
 
 TEST_F(EndpointTest, ConnectsAgainToServers) {
