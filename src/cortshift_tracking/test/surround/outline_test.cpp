@@ -114,6 +114,30 @@ TEST(Outline, BloodOverTheRimDoesNotBendIt) {
   EXPECT_GT(overlapOf(outline.brain, scene.brain), 0.93);
 }
 
+// Beside the step of bone colours say where the brain ends: a film of blood that narrows it by less than 3 mm is
+// followed.
+TEST(Outline, FollowsColoursUpToThreeMillimetresInsideTheStep) {
+  const Painted clean = painted({});
+  const Outline whole = proposeOutline(clean.projection);
+  ASSERT_FALSE(whole.brain.empty()) << whole.text;
+  for (const double width : {0.0015, 0.0025}) {
+    Painted scene = painted({});
+    cv::Mat film = cv::Mat::zeros(scene.brain.size(), CV_8UC1);
+    for (int row = 115; row < 185; ++row)
+      for (int column = 0; column < 400; ++column) {
+        const double edge = outside((column - 200) * kResolution, (row - 150) * kResolution);
+        if (column > 200 && edge > -width && edge < 0.003) film.at<uchar>(row, column) = 255;
+      }
+    scene.projection.colour.setTo(cv::Scalar(0.62, 0.66, 0.80), film);
+    const Outline narrowed = proposeOutline(scene.projection);
+    ASSERT_FALSE(narrowed.brain.empty()) << narrowed.text;
+    const auto endOf = [](const cv::Mat& brain) {
+      return cv::countNonZero(brain(cv::Rect(200, 150, 200, 1))) * kResolution;
+    };
+    EXPECT_NEAR(endOf(whole.brain) - endOf(narrowed.brain), width, 0.0007) << width;
+  }
+}
+
 TEST(Outline, ABladeAcrossTheRimIsNoBrain) {
   Painted scene = painted({});
   cv::Mat blade = cv::Mat::zeros(scene.brain.size(), CV_8UC1);
