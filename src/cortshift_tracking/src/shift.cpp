@@ -80,8 +80,18 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
   result.flow = registered.flow;
   const double flow_seconds = watch.lap();
 
+  const auto pixelOf = [&](const Projection& projection, const std::optional<PlacedCamera>& camera) {
+    const double spacing = projection.max_edge / settings.projection.max_edge_ratio * projection.resolution;
+    return pixelOfDisparity(projection, spacing, earlier.frame, camera, knowledge.baseline);
+  };
+  const Measured measured{result.earlier,
+                          result.later,
+                          registered.flow,
+                          registered.confidence,
+                          pixelOf(result.earlier, knowledge.earlier),
+                          pixelOf(result.later, knowledge.later)};
   const cv::Mat confidence = combineConfidence(result.earlier, result.later, registered.flow, registered.confidence,
-                                               earlier.usable, later_usable, settings.trust);
+                                               heightErrorsOf(measured), earlier.usable, later_usable, settings.trust);
   result.field = invert(earlier.frame, result.earlier, result.later, registered.flow, confidence, settings.inversion);
   if (settings.with_own_points) {
     result.own_points_pmr = earlier.points_pmr;
@@ -97,12 +107,7 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
     takeOut(surround.transform, result.field.start_pmr, result.field.displacement_pmr);
     if (settings.with_own_points) takeOut(surround.transform, result.own_points_pmr, result.own_displacements_pmr);
   }
-  const auto pixelOf = [&](const Projection& projection, const std::optional<PlacedCamera>& camera) {
-    const double spacing = projection.max_edge / settings.projection.max_edge_ratio * projection.resolution;
-    return pixelOfDisparity(projection, spacing, earlier.frame, camera, knowledge.baseline);
-  };
-  const cv::Mat own = ownErrorsOf({result.earlier, result.later, registered.flow, registered.confidence,
-                                   pixelOf(result.earlier, knowledge.earlier), pixelOf(result.later, knowledge.later)});
+  const cv::Mat own = ownErrorsOf(measured);
   result.field.uncertainty = uncertaintyOf(result.field, own, surround);
   if (settings.with_strain) {
     const Strain strain = surfaceStrain(result.field, settings.strain);

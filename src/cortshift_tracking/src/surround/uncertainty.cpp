@@ -37,20 +37,28 @@ double pixelOfDisparity(const Projection& projection, double spacing, const Proj
   return spacing * distance / baseline;
 }
 
-cv::Mat ownErrorsOf(const Measured& measured) {
-  const cv::Mat map = flowTargets(measured.flow);
+cv::Mat heightErrorsOf(const Measured& measured) {
   cv::Mat later;
-  cv::remap(measured.later.confidence, later, map, {}, cv::INTER_LINEAR, cv::BORDER_CONSTANT, 0);
-  cv::Mat own(map.size(), CV_32FC1);
-  for (int row = 0; row < own.rows; ++row)
-    for (int column = 0; column < own.cols; ++column) {
+  cv::remap(measured.later.confidence, later, flowTargets(measured.flow), {}, cv::INTER_LINEAR, cv::BORDER_CONSTANT, 0);
+  cv::Mat errors(later.size(), CV_32FC1);
+  for (int row = 0; row < errors.rows; ++row)
+    for (int column = 0; column < errors.cols; ++column) {
       const double first = measured.earlier_pixel *
                            cortshift_stereo::deviationOf(measured.earlier.confidence.at<float>(row, column)),
-                   second = measured.later_pixel * cortshift_stereo::deviationOf(later.at<float>(row, column)),
-                   match = measured.earlier.resolution *
-                           cortshift_flow::predictedError(measured.flow_confidence.at<float>(row, column));
-      own.at<float>(row, column) =
-          static_cast<float>(std::min(kMost, std::sqrt(first * first + second * second + match * match)));
+                   second = measured.later_pixel * cortshift_stereo::deviationOf(later.at<float>(row, column));
+      errors.at<float>(row, column) = static_cast<float>(std::min(kMost, std::hypot(first, second)));
+    }
+  return errors;
+}
+
+cv::Mat ownErrorsOf(const Measured& measured) {
+  cv::Mat own = heightErrorsOf(measured);
+  for (int row = 0; row < own.rows; ++row)
+    for (int column = 0; column < own.cols; ++column) {
+      const double match = measured.earlier.resolution *
+                           cortshift_flow::predictedError(measured.flow_confidence.at<float>(row, column)),
+                   height = static_cast<double>(own.at<float>(row, column));
+      own.at<float>(row, column) = static_cast<float>(std::min(kMost, std::hypot(height, match)));
     }
   return own;
 }

@@ -129,8 +129,10 @@ float probabilityOfMatch(const MatchEvidence& evidence) {
 }
 
 float probabilityOfHeight(const HeightEvidence& evidence) {
-  return logistic(-10.39F - 1.505F * logWithin(evidence.roughness, 2e-6F, 1e-3F) +
-                  1.506F * logWithin(evidence.confidence, 0.003F, 1.0F));
+  constexpr float kRight = 0.00025F;  // [m]
+  const float of_one_thing = logistic(-10.39F - 1.505F * logWithin(evidence.roughness, 2e-6F, 1e-3F) +
+                                      1.506F * logWithin(evidence.confidence, 0.003F, 1.0F));
+  return of_one_thing * std::erf(kRight / (std::sqrt(2.0F) * std::max(evidence.deviation, 1e-9F)));
 }
 
 cv::Mat probabilityOfMatch(const cv::Mat& flow_confidence, const Agreement& agreement, double resolution) {

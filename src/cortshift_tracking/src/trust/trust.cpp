@@ -65,7 +65,8 @@ cv::Mat sample(const cv::Mat& image, const cv::Mat& map, int interpolation) {
 }
 
 /// Probability for every vector that ends at `map` that its heights are right: CV_32FC1.
-cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later, const cv::Mat& map, double window) {
+cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later, const cv::Mat& map,
+                             const cv::Mat& errors, double window) {
   cv::Mat first = earlier.height.clone(), second = later.height.clone();
   cv::patchNaNs(first, 0);
   cv::patchNaNs(second, 0);
@@ -82,8 +83,8 @@ cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later,
   parallelRanges(probability.rows, 0, [&](int first_row, int last_row) {
     for (int row = first_row; row < last_row; ++row)
       for (int column = 0; column < probability.cols; ++column)
-        probability.at<float>(row, column) =
-            probabilityOfHeight({roughness.at<float>(row, column), surfaces.at<float>(row, column)});
+        probability.at<float>(row, column) = probabilityOfHeight(
+            {roughness.at<float>(row, column), surfaces.at<float>(row, column), errors.at<float>(row, column)});
   });
   return probability;
 }
@@ -149,8 +150,8 @@ double overlapOf(const Projection& earlier, const Projection& later) {
 }
 
 cv::Mat combineConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
-                          const cv::Mat& flow_confidence, const cv::Mat& earlier_usable, const cv::Mat& later_usable,
-                          const TrustSettings& settings) {
+                          const cv::Mat& flow_confidence, const cv::Mat& height_errors, const cv::Mat& earlier_usable,
+                          const cv::Mat& later_usable, const TrustSettings& settings) {
   settings.validate();
   const auto inner = [&](const Projection& projection) {
     return erodeBorder(projection.mask, settings.border / projection.resolution,
@@ -165,7 +166,7 @@ cv::Mat combineConfidence(const Projection& earlier, const Projection& later, co
   const Agreement agreement = agreementOf(seen(earlier, earlier_usable), seen(later, later_usable), flow,
                                           earlier.resolution, settings.agreement);
   cv::Mat confidence = probabilityOfMatch(flow_confidence, agreement, earlier.resolution)
-                           .mul(probabilityOfHeights(earlier, later, map, settings.agreement.window));
+                           .mul(probabilityOfHeights(earlier, later, map, height_errors, settings.agreement.window));
   confidence.setTo(0, allowed == 0);
   dropIslands(confidence, settings.agreement.window / earlier.resolution);
   return confidence;

@@ -83,7 +83,8 @@ class Slurm:
 
     def __enter__(self):
         try:
-            self._start('munged', '--foreground', *(f'--{name}-file={self.folder}/munge.{name}' for name in ('key', 'pid', 'seed')),
+            # --force: a root folder that is closed to others (a chroot's) is warned of, not refused; all here run as one user.
+            self._start('munged', '--foreground', '--force', *(f'--{name}-file={self.folder}/munge.{name}' for name in ('key', 'pid', 'seed')),
                         f'--log-file={self.folder}/munge.log', f'--socket={self.folder}/munge.socket')
             self._wait_for('munged', lambda: os.path.exists(os.path.join(self.folder, 'munge.socket')))
             self._start('slurmctld', '-D')

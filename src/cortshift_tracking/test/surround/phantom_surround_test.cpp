@@ -4,7 +4,9 @@
 
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <memory>
+#include <string>
 
 #include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo/reconstruction.hpp"
@@ -18,31 +20,44 @@ namespace {
 using namespace cortshift_stereo_phantom;
 
 constexpr const char* kLater = "shift_8_mm";
+const std::string kPictures = "/usr/lib/python3/dist-packages/skimage/data/";  // python3-skimage
 
-class PhantomSurround : public testing::Test {
- protected:
-  static void SetUpTestSuite() {
+/// Two stages, rendered and reconstructed once.
+struct Rendered {
+  explicit Rendered(const std::string& picture) {
     PhantomCase description = loadPhantomCase(std::string(BENCHMARK_CASES) + "/shift_clean.yaml");
     description.head.seed = 1611;
-    scene_ = std::make_shared<const PhantomScene>(description);
-    PhantomPairs pairs(scene_);
-    first_ = seen(pairs, 0);
-    later_ = seen(pairs, scene_->stageIndex(kLater));
+    if (!picture.empty()) description.head.picture = PictureSettings{kPictures + picture, 0.04};
+    scene = std::make_shared<const PhantomScene>(description);
+    PhantomPairs pairs(scene);
+    first = seen(pairs, 0);
+    later = seen(pairs, scene->stageIndex(kLater));
   }
-  static void TearDownTestSuite() { scene_.reset(); }
 
-  static cortshift_stereo::Surface seen(PhantomPairs& pairs, int stage) {
-    const cortshift_stereo::Rectifier rectifier(scene_->stereoHead().model);
+  cortshift_stereo::Surface seen(PhantomPairs& pairs, int stage) const {
+    const cortshift_stereo::Rectifier rectifier(scene->stereoHead().model);
     const StereoImages images = pairs.take(stage, 1);
     cortshift_stereo::Surface surface = reconstruct(images.left, images.right, rectifier).surface_left;
-    surface.points = cortshift_stereo::transformPoints(scene_->view(stage, Side::kLeft).T_pmr_camera, surface.points);
+    surface.points = cortshift_stereo::transformPoints(scene->view(stage, Side::kLeft).T_pmr_camera, surface.points);
     return surface;
   }
 
+  std::shared_ptr<const PhantomScene> scene;
+  cortshift_stereo::Surface first, later;
+};
+
+/// The tissue is painted, or a picture without colour in which bone is told from brain by relief alone.
+class PhantomSurround : public testing::TestWithParam<const char*> {
+ protected:
+  static void TearDownTestSuite() { all_.clear(); }
+
+  static const Rendered& rendered() { return all_.try_emplace(GetParam(), GetParam()).first->second; }
+
   static PairKnowledge cameras() {
     const std::vector<PoseErrorSource> tracker{{"tracker", "configured", 0.00025, 0.0017, false}};
-    return {PlacedCamera{scene_->view(0, Side::kLeft).T_pmr_camera, tracker},
-            PlacedCamera{scene_->view(scene_->stageIndex(kLater), Side::kLeft).T_pmr_camera, tracker},
+    const PhantomScene& scene = *rendered().scene;
+    return {PlacedCamera{scene.view(0, Side::kLeft).T_pmr_camera, tracker},
+            PlacedCamera{scene.view(scene.stageIndex(kLater), Side::kLeft).T_pmr_camera, tracker},
             {}};
   }
 
@@ -50,23 +65,24 @@ class PhantomSurround : public testing::Test {
     ShiftSettings settings;
     settings.frame.resolution = 0.0002;
     settings.surround.mode = mode;
-    cortshift_stereo::Surface later = later_;
-    later.points = cortshift_stereo::transformPoints(drift, later_.points);
-    return computeShift(first_, later, {averageNormal(first_), std::nullopt}, settings, {}, cameras());
+    const cortshift_stereo::Surface& first = rendered().first;
+    cortshift_stereo::Surface later = rendered().later;
+    later.points = cortshift_stereo::transformPoints(drift, later.points);
+    return computeShift(first, later, {averageNormal(first), std::nullopt}, settings, {}, cameras());
   }
 
   static cortshift_tracking_phantom::FieldError errorOf(const ShiftResult& result) {
-    return cortshift_tracking_phantom::compareWithTruth(result.field, *scene_, 0, scene_->stageIndex(kLater), 5);
+    const PhantomScene& scene = *rendered().scene;
+    return cortshift_tracking_phantom::compareWithTruth(result.field, scene, 0, scene.stageIndex(kLater), 5);
   }
 
-  static std::shared_ptr<const PhantomScene> scene_;
-  static cortshift_stereo::Surface first_, later_;
+ private:
+  static std::map<std::string, Rendered> all_;
 };
 
-std::shared_ptr<const PhantomScene> PhantomSurround::scene_;
-cortshift_stereo::Surface PhantomSurround::first_, PhantomSurround::later_;
+std::map<std::string, Rendered> PhantomSurround::all_;
 
-TEST_F(PhantomSurround, ExactTrackingLeavesEveryBitOfTheFieldAsItWas) {
+TEST_P(PhantomSurround, ExactTrackingLeavesEveryBitOfTheFieldAsItWas) {
   const Eigen::Isometry3d exact = Eigen::Isometry3d::Identity();
   const ShiftResult with = shiftUnder(exact), without = shiftUnder(exact, SurroundMode::kOff);
   EXPECT_THAT(with.summary.surround, testing::HasSubstr("agrees with tracking"));
@@ -76,10 +92,10 @@ TEST_F(PhantomSurround, ExactTrackingLeavesEveryBitOfTheFieldAsItWas) {
   EXPECT_EQ(std::memcmp(a.data, b.data, a.total() * a.elemSize()), 0);
 }
 
-TEST_F(PhantomSurround, DriftsAreTakenOutAndTheUncertaintySaysSo) {
+TEST_P(PhantomSurround, DriftsAreTakenOutAndTheUncertaintySaysSo) {
   const double ways[] = {0.0005, 0.0015}, turns[] = {0.1, 0.4};  // [m], [degrees]
   for (int i = 0; i < 2; ++i) {
-    const Eigen::Vector3d middle = scene_->pointAt(0, 0, 0),
+    const Eigen::Vector3d middle = rendered().scene->pointAt(0, 0, 0),
                           way = ways[i] * Eigen::Vector3d(1, i, 0.5 - 2 * i).normalized();
     const Eigen::Isometry3d drift =
         Eigen::Translation3d(middle + way) *
@@ -98,14 +114,16 @@ TEST_F(PhantomSurround, DriftsAreTakenOutAndTheUncertaintySaysSo) {
   }
 }
 
-TEST_F(PhantomSurround, TheOutlineIsThatOfTheBrain) {
+TEST_P(PhantomSurround, TheOutlineIsThatOfTheBrain) {
   const ShiftResult result = shiftUnder(Eigen::Isometry3d::Identity());
   ASSERT_FALSE(result.field.brain.empty()) << result.summary.outline;
-  const auto error =
-      cortshift_tracking_phantom::compareOutline(result.field, result.earlier.mask, result.earlier.height, *scene_, 0);
+  const auto error = cortshift_tracking_phantom::compareOutline(result.field, result.earlier.mask,
+                                                                result.earlier.height, *rendered().scene, 0);
   EXPECT_GT(error.intersection_over_union, 0.93);
   EXPECT_NEAR(error.mean_ratio, 1, 0.03);
 }
+
+INSTANTIATE_TEST_SUITE_P(Tissues, PhantomSurround, testing::Values("", "moon.png", "camera.png"));
 
 }  // namespace
 }  // namespace cortshift_tracking

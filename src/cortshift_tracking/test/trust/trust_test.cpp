@@ -177,6 +177,10 @@ TEST(Probabilities, AreThoseThatWereFitted) {
   EXPECT_NEAR(logOdds(probabilityOfHeight({kE * 3e-4F, 0.2F})), -0.606 - 1.505, 1e-3);
   EXPECT_NEAR(logOdds(probabilityOfHeight({3e-4F, kE * 0.2F})), -0.606 + 1.506, 1e-3);
 
+  // What the surfaces expect of themselves: 0.25 mm are 2 and 0.5 standard deviations.
+  EXPECT_NEAR(probabilityOfHeight({1e-5F, 0.9F, 0.000125F}), 0.9545 * probabilityOfHeight({1e-5F, 0.9F, 0}), 1e-4);
+  EXPECT_NEAR(probabilityOfHeight({1e-5F, 0.9F, 0.0005F}), 0.3829 * probabilityOfHeight({1e-5F, 0.9F, 0}), 1e-4);
+
   // Beyond what the fit has seen nothing changes.
   const std::tuple<float MatchEvidence::*, float, float> ends[] = {{&MatchEvidence::flow_error, 3e-6F, 1e-3F},
                                                                    {&MatchEvidence::residual, 0.002F, 0.2F},
@@ -206,6 +210,7 @@ TEST(Agreement, AnInstrumentOfAnotherHueIsSeenAndTheLampsColourIsNot) {
 }
 
 TEST(CombineConfidence, AFewVectorsAmidWrongOnesAreNotBelieved) {
+  const cv::Mat exact = cv::Mat::zeros(300, 300, CV_32FC1);
   const Projection earlier = textured({300, 300}, 1), other = textured({300, 300}, 2);
   cv::Mat restless(300, 300, CV_32FC2);  // as a flow is where nothing matches
   cv::theRNG().state = 1;
@@ -218,25 +223,28 @@ TEST(CombineConfidence, AFewVectorsAmidWrongOnesAreNotBelieved) {
     cv::Mat flow = restless.clone();
     flow(patch).setTo(0);
     const cv::Mat all = fullMask(300, 300), flow_confidence(300, 300, CV_32FC1, cv::Scalar(0.99));
-    return combineConfidence(earlier, later, flow, flow_confidence, all, all).at<float>(150, 150);
+    return combineConfidence(earlier, later, flow, flow_confidence, exact, all, all).at<float>(150, 150);
   };
   EXPECT_EQ(agreeingIn(24), 0);
   EXPECT_GT(agreeingIn(120), 0.8F);
 }
 
 TEST(CombineConfidence, UnsureSurfacesAndTheBorderOfBothStagesLowerIt) {
+  cv::Mat exact = cv::Mat::zeros(200, 200, CV_32FC1);
+  exact.at<float>(100, 90) = 0.0003F;
   Projection earlier = textured({200, 200}, 1), later = earlier;
   later.colour = earlier.colour.clone();
   later.confidence = earlier.confidence.clone();
   later.confidence.at<float>(100, 110) = 0.01F;
   const cv::Mat all = fullMask(200, 200), flow_confidence(200, 200, CV_32FC1, cv::Scalar(0.99));
   cv::Mat flow = cv::Mat::zeros(200, 200, CV_32FC2);
-  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
+  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, exact, all, all);
   EXPECT_GT(confidence.at<float>(100, 100), 0.9F);
   EXPECT_LT(confidence.at<float>(100, 110), confidence.at<float>(100, 100) - 0.01F);
-  EXPECT_EQ(confidence.at<float>(10, 100), 0);      // 1 mm from the border
+  EXPECT_NEAR(confidence.at<float>(100, 90), 0.595F * confidence.at<float>(100, 100), 0.01F);  // 0.83 deviations
+  EXPECT_EQ(confidence.at<float>(10, 100), 0);                                                 // 1 mm from the border
   flow.at<cv::Vec2f>(100, 100) = cv::Vec2f(85, 0);  // ends 1.5 mm from the border
-  confidence = combineConfidence(earlier, later, flow, flow_confidence, all, all);
+  confidence = combineConfidence(earlier, later, flow, flow_confidence, exact, all, all);
   EXPECT_EQ(confidence.at<float>(100, 100), 0);
 }
 

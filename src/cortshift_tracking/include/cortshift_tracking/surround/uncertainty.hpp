@@ -24,6 +24,10 @@ struct Measured {
 double pixelOfDisparity(const Projection& projection, double spacing, const ProjectionFrame& frame,
                         const std::optional<PlacedCamera>& camera, double baseline);
 
+/// CV_32FC1 [m] over the earlier image, standard deviation of each vector's change of height, as the two surfaces
+/// expect.
+cv::Mat heightErrorsOf(const Measured& measured);
+
 /// CV_32FC1 [m] over the earlier image, root mean square length of each vector's own error: what the two surfaces and
 /// the image matching expect of themselves; 10 mm at most.
 cv::Mat ownErrorsOf(const Measured& measured);

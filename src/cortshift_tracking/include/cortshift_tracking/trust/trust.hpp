@@ -34,8 +34,9 @@ double overlapOf(const Projection& earlier, const Projection& later);
 /// probabilityOfMatch times probabilityOfHeight; 0 where the start or the end of a vector is not usable or too near to
 /// the border, and in patches smaller than four windows in which the images are compared.
 /// @param flow_confidence CV_32FC1 0...1, of the image matching
+/// @param height_errors CV_32FC1 [m] standard deviation of each vector's change of height
 cv::Mat combineConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
-                          const cv::Mat& flow_confidence, const cv::Mat& earlier_usable, const cv::Mat& later_usable,
-                          const TrustSettings& settings = {});
+                          const cv::Mat& flow_confidence, const cv::Mat& height_errors, const cv::Mat& earlier_usable,
+                          const cv::Mat& later_usable, const TrustSettings& settings = {});
 
 }  // namespace cortshift_tracking
