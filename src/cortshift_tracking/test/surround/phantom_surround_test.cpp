@@ -123,7 +123,7 @@ TEST_P(PhantomSurround, TheOutlineIsThatOfTheBrain) {
   EXPECT_NEAR(error.mean_ratio, 1, 0.03);
 }
 
-INSTANTIATE_TEST_SUITE_P(Tissues, PhantomSurround, testing::Values("", "moon.png", "camera.png"));
+INSTANTIATE_TEST_SUITE_P(Tissues, PhantomSurround, testing::Values("", "moon.png", "brick.png"));
 
 }  // namespace
 }  // namespace cortshift_tracking
