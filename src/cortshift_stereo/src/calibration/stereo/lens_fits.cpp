@@ -36,7 +36,7 @@ void change(const Eigen::VectorXd& by, Eigen::Index from, int terms, cv::Matx33d
   K(1, 1) += focal * by(from + 1);
   K(0, 2) += focal * by(from + 2);
   K(1, 2) += focal * by(from + 3);
-  for (int i = 0; i < terms; ++i) D[static_cast<std::size_t>(i)] += by(from + kIntrinsics + i);
+  for (int i = 0; i < terms; ++i) D.at(static_cast<std::size_t>(i)) += by(from + kIntrinsics + i);
 }
 
 /// Both cameras with equidistant lenses and their relative pose, all together by least squares: OpenCV's own
