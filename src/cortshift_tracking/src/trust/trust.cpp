@@ -78,13 +78,12 @@ cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later,
   const cv::Mat deviation = change - mean.of(change);
   cv::Mat roughness;
   cv::sqrt(mean.of(deviation.mul(deviation)), roughness);
-  const cv::Mat surfaces = cv::min(earlier.confidence, sample(later.confidence, map, cv::INTER_LINEAR));
   cv::Mat probability(covered.size(), CV_32FC1);
   parallelRanges(probability.rows, 0, [&](int first_row, int last_row) {
     for (int row = first_row; row < last_row; ++row)
       for (int column = 0; column < probability.cols; ++column)
-        probability.at<float>(row, column) = probabilityOfHeight(
-            {roughness.at<float>(row, column), surfaces.at<float>(row, column), errors.at<float>(row, column)});
+        probability.at<float>(row, column) =
+            probabilityOfHeight({roughness.at<float>(row, column), errors.at<float>(row, column)});
   });
   return probability;
 }

@@ -138,16 +138,16 @@ TEST(ProbabilityOfMatch, FallsWithEveryDoubt) {
 }
 
 TEST(ProbabilityOfHeight, FallsWithEveryDoubt) {
-  const HeightEvidence sound{1e-5F, 0.9F};
+  const HeightEvidence sound{1e-5F, 2e-5F};
   EXPECT_GT(probabilityOfHeight(sound), 0.99);
   const auto probability = [](const HeightEvidence& evidence) { return probabilityOfHeight(evidence); };
   expectOddsToFall("roughness", sound, &HeightEvidence::roughness, {1e-5F, 3e-5F, 1e-4F, 3e-4F, 1e-3F}, 0.01,
                    probability);
-  expectOddsToFall("confidence", sound, &HeightEvidence::confidence, {0.9F, 0.5F, 0.2F, 0.05F, 0.003F}, 0.01,
+  expectOddsToFall("deviation", sound, &HeightEvidence::deviation, {8e-5F, 1.2e-4F, 2.5e-4F, 5e-4F, 1e-3F}, 0.01,
                    probability);
-  EXPECT_GT(probabilityOfHeight({1e-4F, 0.5F}), 0.9);
-  EXPECT_LT(probabilityOfHeight({5e-4F, 0.1F}), 0.5);
-  EXPECT_LT(probabilityOfHeight({1e-3F, 0.05F}), 0.2);
+  EXPECT_GT(probabilityOfHeight({1e-4F, 5e-5F}), 0.9);
+  EXPECT_LT(probabilityOfHeight({5e-4F, 2.5e-4F}), 0.5);
+  EXPECT_LT(probabilityOfHeight({1e-3F, 4e-4F}), 0.25);
 }
 
 double logOdds(float probability) {
@@ -172,14 +172,11 @@ TEST(Probabilities, AreThoseThatWereFitted) {
   EXPECT_NEAR(changed(&MatchEvidence::hue, kE * 0.1F), -0.4316, 1e-4);
   EXPECT_NEAR(changed(&MatchEvidence::bend, kE * 5e-5F), -1.054, 1e-4);
 
-  const HeightEvidence height{3e-4F, 0.2F};
-  EXPECT_NEAR(logOdds(probabilityOfHeight(height)), -0.606, 1e-3);
-  EXPECT_NEAR(logOdds(probabilityOfHeight({kE * 3e-4F, 0.2F})), -0.606 - 1.505, 1e-3);
-  EXPECT_NEAR(logOdds(probabilityOfHeight({3e-4F, kE * 0.2F})), -0.606 + 1.506, 1e-3);
-
-  // What the surfaces expect of themselves: 0.25 mm are 2 and 0.5 standard deviations.
-  EXPECT_NEAR(probabilityOfHeight({1e-5F, 0.9F, 0.000125F}), 0.9545 * probabilityOfHeight({1e-5F, 0.9F, 0}), 1e-4);
-  EXPECT_NEAR(probabilityOfHeight({1e-5F, 0.9F, 0.0005F}), 0.3829 * probabilityOfHeight({1e-5F, 0.9F, 0}), 1e-4);
+  EXPECT_NEAR(logOdds(probabilityOfHeight({3e-4F, 0})), 1.818, 1e-3);
+  EXPECT_NEAR(logOdds(probabilityOfHeight({kE * 3e-4F, 0})), 1.818 - 1.505, 1e-3);
+  // 0.25 mm are 2 and 0.5 of the standard deviations that are found, 1.2 times the expected ones.
+  EXPECT_NEAR(probabilityOfHeight({1e-5F, 0.000125F / 1.2F}), 0.9545 * probabilityOfHeight({1e-5F, 0}), 1e-4);
+  EXPECT_NEAR(probabilityOfHeight({1e-5F, 0.0005F / 1.2F}), 0.3829 * probabilityOfHeight({1e-5F, 0}), 1e-4);
 
   // Beyond what the fit has seen nothing changes.
   const std::tuple<float MatchEvidence::*, float, float> ends[] = {{&MatchEvidence::flow_error, 3e-6F, 1e-3F},
@@ -230,21 +227,18 @@ TEST(CombineConfidence, AFewVectorsAmidWrongOnesAreNotBelieved) {
 }
 
 TEST(CombineConfidence, UnsureSurfacesAndTheBorderOfBothStagesLowerIt) {
-  cv::Mat exact = cv::Mat::zeros(200, 200, CV_32FC1);
-  exact.at<float>(100, 90) = 0.0003F;
+  cv::Mat errors = cv::Mat::zeros(200, 200, CV_32FC1);
+  errors.at<float>(100, 110) = 0.0003F;
   Projection earlier = textured({200, 200}, 1), later = earlier;
   later.colour = earlier.colour.clone();
-  later.confidence = earlier.confidence.clone();
-  later.confidence.at<float>(100, 110) = 0.01F;
   const cv::Mat all = fullMask(200, 200), flow_confidence(200, 200, CV_32FC1, cv::Scalar(0.99));
   cv::Mat flow = cv::Mat::zeros(200, 200, CV_32FC2);
-  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, exact, all, all);
+  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, errors, all, all);
   EXPECT_GT(confidence.at<float>(100, 100), 0.9F);
-  EXPECT_LT(confidence.at<float>(100, 110), confidence.at<float>(100, 100) - 0.01F);
-  EXPECT_NEAR(confidence.at<float>(100, 90), 0.595F * confidence.at<float>(100, 100), 0.01F);  // 0.83 deviations
-  EXPECT_EQ(confidence.at<float>(10, 100), 0);                                                 // 1 mm from the border
+  EXPECT_NEAR(confidence.at<float>(100, 110), 0.512F * confidence.at<float>(100, 100), 0.01F);
+  EXPECT_EQ(confidence.at<float>(10, 100), 0);      // 1 mm from the border
   flow.at<cv::Vec2f>(100, 100) = cv::Vec2f(85, 0);  // ends 1.5 mm from the border
-  confidence = combineConfidence(earlier, later, flow, flow_confidence, exact, all, all);
+  confidence = combineConfidence(earlier, later, flow, flow_confidence, errors, all, all);
   EXPECT_EQ(confidence.at<float>(100, 100), 0);
 }
 

@@ -52,13 +52,12 @@ cv::Mat probabilityOfMatch(const cv::Mat& flow_confidence, const Agreement& agre
 
 /// Evidence about the two heights that a vector leads from and to.
 struct HeightEvidence {
-  float roughness = 0;   ///< root mean square deviation of the change of height from its mean over the window [m]
-  float confidence = 0;  ///< the lower one of the two surfaces
-  float deviation = 0;   ///< standard deviation of the change of height that the two surfaces expect [m]
+  float roughness = 0;  ///< root mean square deviation of the change of height from its mean over the window [m]
+  float deviation = 0;  ///< standard deviation of the change of height that the two surfaces expect [m]
 };
 
 /// Probability that the change of height is right to 0.25 mm where the vector is right within the plane: that neither
-/// something else lies at one end (a logistic model of roughness and confidence), nor an error as the surfaces expect
+/// something else lies at one end (a logistic model of roughness), nor an error as the surfaces expect
 /// exceeds 0.25 mm (normal distribution).
 float probabilityOfHeight(const HeightEvidence& evidence);
 
