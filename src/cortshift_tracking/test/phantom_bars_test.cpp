@@ -115,7 +115,8 @@ TEST_P(ConfidenceOfShifts, SaysHowOftenVectorsAreRight) {
     ASSERT_GT(vectors, 200);
     const double said = bin.confidence / vectors, right = static_cast<double>(bin.right) / vectors;
     std::printf("head %u: said %.3f, right %.3f, %.0f vectors\n", GetParam(), said, right, vectors);
-    EXPECT_GT(right, said - 0.05);  // measured: 0.03 less at most
+    // Measured: 0.005 less at most; 0.055 among those that are not reported.
+    EXPECT_GT(right, said - (said < 0.5 ? 0.08 : 0.02));
     if (said > 0.95) {
       EXPECT_GT(right, 0.99);
     }
