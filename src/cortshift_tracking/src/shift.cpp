@@ -90,8 +90,9 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
                           registered.confidence,
                           pixelOf(result.earlier, knowledge.earlier),
                           pixelOf(result.later, knowledge.later)};
+  const cv::Mat height_errors = heightErrorsOf(measured);
   const cv::Mat confidence = combineConfidence(result.earlier, result.later, registered.flow, registered.confidence,
-                                               heightErrorsOf(measured), earlier.usable, later_usable, settings.trust);
+                                               height_errors, earlier.usable, later_usable, settings.trust);
   result.field = invert(earlier.frame, result.earlier, result.later, registered.flow, confidence, settings.inversion);
   if (settings.with_own_points) {
     result.own_points_pmr = earlier.points_pmr;
@@ -107,7 +108,7 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
     takeOut(surround.transform, result.field.start_pmr, result.field.displacement_pmr);
     if (settings.with_own_points) takeOut(surround.transform, result.own_points_pmr, result.own_displacements_pmr);
   }
-  const cv::Mat own = ownErrorsOf(measured);
+  const cv::Mat own = ownErrorsOf(measured, height_errors);
   result.field.uncertainty = uncertaintyOf(result.field, own, surround);
   if (settings.with_strain) {
     const Strain strain = surfaceStrain(result.field, settings.strain);

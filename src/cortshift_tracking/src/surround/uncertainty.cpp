@@ -51,13 +51,13 @@ cv::Mat heightErrorsOf(const Measured& measured) {
   return errors;
 }
 
-cv::Mat ownErrorsOf(const Measured& measured) {
-  cv::Mat own = heightErrorsOf(measured);
+cv::Mat ownErrorsOf(const Measured& measured, const cv::Mat& height_errors) {
+  cv::Mat own(height_errors.size(), CV_32FC1);
   for (int row = 0; row < own.rows; ++row)
     for (int column = 0; column < own.cols; ++column) {
       const double match = measured.earlier.resolution *
                            cortshift_flow::predictedError(measured.flow_confidence.at<float>(row, column)),
-                   height = static_cast<double>(own.at<float>(row, column));
+                   height = static_cast<double>(height_errors.at<float>(row, column));
       own.at<float>(row, column) = static_cast<float>(std::min(kMost, std::hypot(height, match)));
     }
   return own;

@@ -36,7 +36,8 @@ double ownOf(float first, float second, float match, double pixel) {
   const Projection earlier = flat(first), later = flat(second);
   const cv::Mat flow = cv::Mat::zeros(frame().size, CV_32FC2),
                 flow_confidence(frame().size, CV_32FC1, cv::Scalar(match));
-  return ownErrorsOf({earlier, later, flow, flow_confidence, pixel, pixel}).at<float>(5, 10);
+  const Measured measured{earlier, later, flow, flow_confidence, pixel, pixel};
+  return ownErrorsOf(measured, heightErrorsOf(measured)).at<float>(5, 10);
 }
 
 TEST(Uncertainty, APixelOfDisparityIsLongerTheFartherTheCameraIs) {

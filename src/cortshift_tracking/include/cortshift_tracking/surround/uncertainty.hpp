@@ -30,7 +30,8 @@ cv::Mat heightErrorsOf(const Measured& measured);
 
 /// CV_32FC1 [m] over the earlier image, root mean square length of each vector's own error: what the two surfaces and
 /// the image matching expect of themselves; 10 mm at most.
-cv::Mat ownErrorsOf(const Measured& measured);
+/// @param height_errors  of heightErrorsOf
+cv::Mat ownErrorsOf(const Measured& measured, const cv::Mat& height_errors);
 
 /// CV_32FC1 [m] root mean square length of each vector's error: its own (match and heights) and what all vectors have
 /// in common; NaN where there is no vector.

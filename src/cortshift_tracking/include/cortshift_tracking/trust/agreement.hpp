@@ -57,8 +57,8 @@ struct HeightEvidence {
 };
 
 /// Probability that the change of height is right to 0.25 mm where the vector is right within the plane: that neither
-/// something else lies at one end (a logistic model of roughness), nor an error as the surfaces expect
-/// exceeds 0.25 mm (normal distribution).
+/// something else lies at one end (a logistic model of roughness), nor an error as the surfaces expect exceeds 0.25 mm
+/// (normal distribution).
 float probabilityOfHeight(const HeightEvidence& evidence);
 
 }  // namespace cortshift_tracking
