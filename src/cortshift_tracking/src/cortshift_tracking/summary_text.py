@@ -26,6 +26,8 @@ def summary_lines(summary):
              ('brain alone', in_mm(*brain_of(summary, 'magnitude')))]
     if getattr(summary, 'common_sd', 0) > 0:
         lines.append(('all vectors may be off by', f'{1000 * summary.common_sd:.2f} mm'))
+    if getattr(summary, 'latency', 0) > 0:
+        lines.append(('after the exposure by', f'{summary.latency:.2f} s'))
     if getattr(summary, 'surround', ''):
         lines.append(('surround', summary.surround))
     return [(name, text) for name, text in lines if 'nan' not in text.split()] + [('WARNING', text) for text in summary.warnings]

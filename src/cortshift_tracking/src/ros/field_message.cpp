@@ -113,6 +113,7 @@ cortshift_msgs::ShiftSummary toMessage(const Summary& summary, const std::string
   message.lateral_sd = summary.lateral.sd;
   message.gravity_normal_angle = summary.gravity_normal_angle;
   message.compute_time = summary.compute_seconds();
+  message.latency = kUnknown;
   message.warnings = summary.warnings;
   message.common_sd = summary.common_sd;
   message.brain_points = static_cast<uint32_t>(summary.brain.points);

@@ -19,12 +19,16 @@ TEST_F(ShiftTrackerNode, LiveModePublishesAFieldForTheNewestSurfaces) {
   ASSERT_TRUE(track.response.success) << track.response.message;
 
   std::vector<ros::Time> stamps;
+  std::vector<double> late;  // what the fields say [s]
   cortshift_msgs::DisplacementFieldConstPtr last;
   ros::NodeHandle node;
   const ros::Subscriber fields [[maybe_unused]] = node.subscribe<cortshift_msgs::DisplacementField>(
       "/shift/field", 10,
       boost::function<void(const cortshift_msgs::DisplacementFieldConstPtr&)>([&](const auto& message) {
-        if (message->to_key.empty()) stamps.push_back(message->to_stamp);
+        if (message->to_key.empty()) {
+          stamps.push_back(message->to_stamp);
+          late.push_back(message->summary.latency);
+        }
         last = message;
       }));
   ros::Time newest;
@@ -43,6 +47,12 @@ TEST_F(ShiftTrackerNode, LiveModePublishesAFieldForTheNewestSurfaces) {
   EXPECT_TRUE(std::is_sorted(stamps.begin(), stamps.end()));
   EXPECT_EQ(last->from_key, "a");
   EXPECT_EQ(last->resolution, 0.0002);
+  const double now = ros::Time::now().toSec();
+  for (std::size_t i = 0; i < stamps.size(); ++i) {  // after what it took to compute, before it was seen here
+    EXPECT_GT(late[i], 0.005);
+    EXPECT_LT(late[i], now - stamps[i].toSec());
+  }
+  EXPECT_GT(late.back(), last->summary.compute_time);
   EXPECT_GT(last->summary.magnitude_mean, 0.003);  // the last one was the sagged surface
   track.request.on = false;
   ASSERT_TRUE(ros::service::call("/shift_tracker/track", track));

@@ -6,6 +6,7 @@
 #include <sensor_msgs/Image.h>
 #include <visualization_msgs/MarkerArray.h>
 
+#include <cmath>
 #include <functional>
 #include <map>
 
@@ -50,6 +51,7 @@ TEST_F(ShiftTrackerNode, FieldHasTheNumbersOfTheTruth) {
   EXPECT_LT(answer.summary.normal_mean, -0.001);
   EXPECT_GT(answer.summary.overlap, 0.7);
   EXPECT_GT(answer.summary.compute_time, 0.0);
+  EXPECT_TRUE(std::isnan(answer.summary.latency));  // both stages are of the past
 
   const auto points = latched<sensor_msgs::PointCloud2>("/shift/points");
   EXPECT_EQ(points->data, message->points.data);

@@ -29,7 +29,7 @@ def summarise(field, overlap, seconds, first_normal_pmr, gravity_pmr=None, warni
         values[f'brain_{name}_mean'] = values[f'brain_{name}_sd'] = float('nan')  # the MR has no outline
     angle = float('nan') if gravity_pmr is None else float(np.arccos(np.clip(first_normal_pmr @ gravity_pmr, -1, 1)))
     return ShiftSummary(from_key=field.from_key, to_key=field.to_key, valid_points=len(valid), overlap=overlap,
-                        gravity_normal_angle=angle, compute_time=seconds, warnings=list(warnings), common_sd=float('nan'),
+                        gravity_normal_angle=angle, compute_time=seconds, latency=float('nan'), warnings=list(warnings), common_sd=float('nan'),
                         outline='not known: the field starts on the preoperative MR', **values)
 
 

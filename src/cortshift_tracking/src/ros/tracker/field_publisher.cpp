@@ -29,10 +29,14 @@ FieldPublisher::FieldPublisher(const ShiftTrackerParameters& parameters, ros::No
 
 void FieldPublisher::publish(const ShiftResult& result, const Directions& directions,
                              const cortshift_msgs::StageInfo& from, const cortshift_msgs::StageInfo& to, bool live) {
-  const cortshift_msgs::DisplacementField field = toMessage(result.field, result.summary, from, to);
-  points_.publish(field.points);
-  markers_.publish(arrowsOf(result.field, field.header, arrow_spacing_));
+  cortshift_msgs::DisplacementField field = toMessage(result.field, result.summary, from, to);
+  if (live) {  // at once; a field that was asked for comes when everything that shows it is there
+    field.summary.latency = (ros::Time::now() - to.stamp).toSec();
+    field_.publish(field);
+  }
   const auto wanted = [&](const ros::Publisher& publisher) { return !live || publisher.getNumSubscribers() > 0; };
+  if (wanted(points_)) points_.publish(field.points);
+  if (wanted(markers_)) markers_.publish(arrowsOf(result.field, field.header, arrow_spacing_));
   const auto picture = [&](const ros::Publisher& publisher, const std::function<cv::Mat()>& draw) {
     if (wanted(publisher)) publisher.publish(cv_bridge::CvImage(field.header, "bgr8", draw()).toImageMsg());
   };
@@ -44,7 +48,7 @@ void FieldPublisher::publish(const ShiftResult& result, const Directions& direct
   picture(normal_, [&] { return normalMap(result.field, directions.first_normal_pmr); });
   picture(lateral_, [&] { return lateralMap(result.field, directions.first_normal_pmr); });
   if (with_own_points_ && wanted(own_points_)) own_points_.publish(ownPointsMessage(result, field.header));
-  field_.publish(field);
+  if (!live) field_.publish(field);
 }
 
 }  // namespace cortshift_tracking
