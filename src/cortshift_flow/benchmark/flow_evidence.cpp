@@ -1,4 +1,4 @@
-// What the images say of the flow of a pair, for script/fit_trust: both models, always.
+// What the images say of the flow of a pair, for script/fit_trust flow: both models, always.
 #include <cstdint>
 #include <cstdio>
 #include <exception>

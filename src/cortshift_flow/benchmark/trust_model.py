@@ -57,7 +57,7 @@ def doubt(probability):
 
 def header(models, names, provenance):
     """trust/fitted_weights.hpp"""
-    lines = [f'// Written by script/fit_trust; do not edit. {provenance}', '#pragma once', '', '#include "trust/evidence.hpp"', '',
+    lines = [f'// Written by script/fit_trust flow; do not edit. {provenance}', '#pragma once', '', '#include "trust/evidence.hpp"', '',
              'namespace cortshift_flow {', '',
              '/// The logit changes by `slope` per unit of the cue, and by `bends` more above each of `knots`.',
              'struct CueWeights {', '  float slope, knots[2], bends[2];', '};', '',
@@ -76,9 +76,8 @@ def header(models, names, provenance):
 
 
 def digest(text):
-    """Of the numbers of the table in `text`: the header carries it, so that one changed by hand shows."""
-    table = text.split('kFittedWeights[]', 1)[1]
-    return hashlib.sha256(' '.join(re.findall(r'-?\d[\d.]*(?:e[-+]?\d+)?(?=f)', table)).encode()).hexdigest()[:16]
+    """Of the numbers of a header, those that end in f: it carries their digest, so that one changed by hand shows."""
+    return hashlib.sha256(' '.join(re.findall(r'-?\d[\d.]*(?:e[-+]?\d+)?(?=f\b)', text)).encode()).hexdigest()[:16]
 
 
 def number_text(value):

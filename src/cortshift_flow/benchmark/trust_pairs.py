@@ -1,6 +1,6 @@
 """Pairs of images with known flow, from photographs of Debian's packages and planar phantoms: three sets that share no photograph.
 
-`fit` is what script/fit_trust fits on, `choose` what its kinds of evidence were chosen on, `judge` what BENCHMARK.md reports.
+`fit` is what script/fit_trust flow fits on, `choose` what its kinds of evidence were chosen on, `judge` what BENCHMARK.md reports.
 """
 import importlib.util
 import pathlib

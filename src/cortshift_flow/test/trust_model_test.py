@@ -51,7 +51,7 @@ def test_a_fit_promises_what_is_true():
 def test_the_compiled_weights_are_the_commands():
     """Not a number of them was changed by hand."""
     text = FITTED.read_text(encoding='utf-8')
-    assert text.startswith('// Written by script/fit_trust; do not edit. Fitted on the set "fit" of benchmark/trust_pairs.py:')
+    assert text.startswith('// Written by script/fit_trust flow; do not edit. Fitted on the set "fit" of benchmark/trust_pairs.py:')
     assert f'// Digest of the numbers: {trust_model.digest(text)}\n' in text
 
 

@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <string>
+#include <utility>
 
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/surround/uncertainty.hpp"
@@ -75,9 +76,9 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
     throw TrackingError("the two surfaces do not overlap in the projection; check the registration of both stages");
   const double projection_seconds = watch.lap();
 
-  const cortshift_flow::FlowResult registered =
+  const ProjectionMatch match =
       matchProjections(result.earlier, result.later, earlier.usable, later_usable, settings.matching, prediction);
-  result.flow = registered.flow;
+  result.flow = match.flow;
   const double flow_seconds = watch.lap();
 
   const auto pixelOf = [&](const Projection& projection, const std::optional<PlacedCamera>& camera) {
@@ -86,18 +87,20 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
   };
   const Measured measured{result.earlier,
                           result.later,
-                          registered.flow,
-                          registered.confidence,
+                          match.flow,
+                          match.confidence,
                           pixelOf(result.earlier, knowledge.earlier),
                           pixelOf(result.later, knowledge.later)};
   const cv::Mat height_errors = heightErrorsOf(measured);
-  const cv::Mat confidence = combineConfidence(result.earlier, result.later, registered.flow, registered.confidence,
-                                               height_errors, earlier.usable, later_usable, settings.trust);
-  result.field = invert(earlier.frame, result.earlier, result.later, registered.flow, confidence, settings.inversion);
+  VectorEvidence evidence =
+      evidenceOf(result.earlier, result.later, match, height_errors, earlier.usable, later_usable, settings.trust);
+  const cv::Mat confidence = confidenceOf(evidence, settings.trust);
+  if (settings.with_evidence) result.evidence = std::move(evidence);
+  result.field = invert(earlier.frame, result.earlier, result.later, match.flow, confidence, settings.inversion);
   if (settings.with_own_points) {
     result.own_points_pmr = earlier.points_pmr;
-    result.own_displacements_pmr = displacementsOfPoints(earlier.frame, result.earlier, result.later, registered.flow,
-                                                         confidence, settings.inversion);
+    result.own_displacements_pmr =
+        displacementsOfPoints(earlier.frame, result.earlier, result.later, match.flow, confidence, settings.inversion);
   }
   const Outline outline = knowledge.brain.empty()
                               ? earlier.outline

@@ -1,4 +1,4 @@
-// Written by script/fit_trust; do not edit. Fitted on the set "fit" of benchmark/trust_pairs.py: 63 pairs.
+// Written by script/fit_trust flow; do not edit. Fitted on the set "fit" of benchmark/trust_pairs.py: 63 pairs.
 // Digest of the numbers: 4bda656d9b5a2f10
 #pragma once
 

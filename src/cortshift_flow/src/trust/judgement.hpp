@@ -13,8 +13,8 @@ enum class FitKind {
 };
 
 /// Predicted error e (root mean square) at each pixel of a level [px of the level], infinite where `fit_error` is. A
-/// logistic model of the evidence (trust/evidence.hpp), fitted by script/fit_trust, gives the odds that the vector is
-/// off by more than 0.25 px; (e / 0.25 px)^2 is (e - 1) times the odds, as of an error whose components are normal.
+/// logistic model of the evidence (trust/evidence.hpp), fitted by script/fit_trust flow, gives the odds that the vector
+/// is off by more than 0.25 px; (e / 0.25 px)^2 is (e - 1) times the odds, as of an error whose components are normal.
 /// @param evidence  of gatherEvidence()
 /// @param fit_error  per pixel [px]
 cv::Mat1f judgedError(const cv::Mat& evidence, FitKind kind, const cv::Mat1f& fit_error, int threads);

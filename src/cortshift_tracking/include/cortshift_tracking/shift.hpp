@@ -29,6 +29,7 @@ struct ShiftSettings {
   SurroundSettings surround;
   bool with_own_points = false;  ///< fills the result's own points
   bool with_strain = false;      ///< fills the field's strains
+  bool with_evidence = false;    ///< fills the result's evidence
   StrainSettings strain;
   std::string configuration;  ///< hash of all parameters in force, for the summary; empty: not known
 
@@ -52,6 +53,8 @@ struct ShiftResult {
 
   /// The earlier surface's own points and their displacements, see displacementsOfPoints; empty if not asked for.
   cv::Mat own_points_pmr, own_displacements_pmr;  ///< CV_32FC3 [m], NaN where there is none
+
+  VectorEvidence evidence;  ///< what `confidence` was made from; empty if not asked for
 };
 
 /// The earlier surface made ready; serves for any number of later ones.

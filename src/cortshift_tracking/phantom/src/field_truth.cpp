@@ -21,22 +21,6 @@ constexpr double kRight = 0.00025;        // error within the plane and in heigh
 
 Eigen::Vector3d toEigen(const cv::Vec3f& v) { return {v[0], v[1], v[2]}; }
 
-/// What is true of a vector that starts inside the craniotomy.
-struct Truth {
-  bool foreign = false;  // it starts on no tissue or its tissue is gone: no displacement is right
-  Eigen::Vector3d displacement_pmr = Eigen::Vector3d::Zero();
-};
-
-/// Nothing outside the craniotomy.
-std::optional<Truth> truthAt(const PhantomScene& scene, const Eigen::Vector3d& start_pmr, int from, int to) {
-  const auto tissue = scene.materialOf(start_pmr, from);
-  if (!tissue) return Truth{true};
-  const double x = tissue->material[0], y = tissue->material[1];
-  if (scene.rimDistance(x, y) < 0) return std::nullopt;
-  if (scene.materialAt(to, x, y) == Material::kHole) return Truth{true};
-  return Truth{false, scene.displacement(from, to, x, y)};
-}
-
 struct RowResult {
   std::vector<double> errors;
   double squares = 0;  // of error / uncertainty
@@ -46,23 +30,17 @@ struct RowResult {
 
 RowResult compareRow(const DisplacementField& field, const PhantomScene& scene, int from, int to, int row, int stride) {
   RowResult result;
-  const Eigen::Vector3d normal = field.frame.normal_pmr();
   for (int column = 0; column < field.frame.size.width; column += stride) {
-    const cv::Vec3f& d = field.displacement_pmr.at<cv::Vec3f>(row, column);
-    if (std::isnan(d[0])) continue;
-    const auto truth = truthAt(scene, toEigen(field.start_pmr.at<cv::Vec3f>(row, column)), from, to);
-    if (!truth) continue;
-    const Eigen::Vector3d error = toEigen(d) - truth->displacement_pmr;
-    const double height_error = error.dot(normal);
-    const bool right =
-        !truth->foreign && std::abs(height_error) <= kRight && (error - height_error * normal).norm() <= kRight;
-    result.reliability.add(field.confidence.at<float>(row, column), right);
-    if (truth->foreign)
+    const auto error = errorAt(field, scene, from, to, row, column);
+    if (!error) continue;
+    result.reliability.add(field.confidence.at<float>(row, column), error->right());
+    if (error->foreign) {
       ++result.foreign;
-    else
-      result.errors.push_back(error.norm());
-    if (!truth->foreign && !field.uncertainty.empty())
-      result.squares += error.squaredNorm() / std::pow(field.uncertainty.at<float>(row, column), 2);
+      continue;
+    }
+    result.errors.push_back(error->length);
+    if (!field.uncertainty.empty())
+      result.squares += std::pow(error->length / field.uncertainty.at<float>(row, column), 2);
   }
   return result;
 }
@@ -103,6 +81,22 @@ double coverageOf(const DisplacementField& field, const PhantomScene& scene, int
 }
 
 }  // namespace
+
+bool VectorError::right() const { return !foreign && in_plane <= kRight && height <= kRight; }
+
+std::optional<VectorError> errorAt(const DisplacementField& field, const PhantomScene& scene, int from, int to, int row,
+                                   int column) {
+  const cv::Vec3f& d = field.displacement_pmr.at<cv::Vec3f>(row, column);
+  if (std::isnan(d[0])) return std::nullopt;
+  const auto tissue = scene.materialOf(toEigen(field.start_pmr.at<cv::Vec3f>(row, column)), from);
+  if (!tissue) return VectorError{true};
+  const double x = tissue->material[0], y = tissue->material[1];
+  if (scene.rimDistance(x, y) < 0) return std::nullopt;
+  if (scene.materialAt(to, x, y) == Material::kHole) return VectorError{true};
+  const Eigen::Vector3d error = toEigen(d) - scene.displacement(from, to, x, y), normal = field.frame.normal_pmr();
+  const double height = error.dot(normal);
+  return VectorError{false, error.norm(), (error - height * normal).norm(), std::abs(height)};
+}
 
 void Reliability::add(double confidence, bool right) {
   Bin& bin = bins[std::min(bins.size() - 1, static_cast<std::size_t>(confidence * static_cast<double>(bins.size())))];

@@ -7,7 +7,7 @@
 
 #include "cortshift_flow/range.hpp"
 #include "cortshift_tracking/error.hpp"
-#include "cortshift_tracking/trust/agreement.hpp"
+#include "cortshift_tracking/trust/probability.hpp"
 #include "matching/flow_targets.hpp"
 
 namespace cortshift_tracking {
@@ -262,9 +262,9 @@ std::string chooseChannels(const Projection& earlier, const Projection& later, c
   return best;
 }
 
-FlowResult matchProjections(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
-                            const cv::Mat& later_usable, const ImageMatchingSettings& settings,
-                            const cv::Mat& prediction) {
+ProjectionMatch matchProjections(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
+                                 const cv::Mat& later_usable, const ImageMatchingSettings& settings,
+                                 const cv::Mat& prediction) {
   settings.validate();
   std::string channels = settings.channels == "auto" ? "rgb" : settings.channels;
   const auto pairAt = [&](int step) {
@@ -310,18 +310,18 @@ FlowResult matchProjections(const Projection& earlier, const Projection& later, 
   const FlowResult result = look(pair, guess, domain, rounds <= 0, settings);
   if (rounds <= 0) {
     // No first look has chosen the channels, as when the flow of the moment before leads: tissue may bleed since.
-    if (settings.channels != "auto" || partOf(settledMask(pair, result), pair) >= kFollowed) return result;
+    if (settings.channels != "auto" || partOf(settledMask(pair, result), pair) >= kFollowed) return {result, channels};
     channels = chooseChannels(earlier, later, earlier_usable, later_usable, settings);
-    return channels == "rgb" ? result : look(pairAt(1), guess, domain, true, settings);
+    return {channels == "rgb" ? result : look(pairAt(1), guess, domain, true, settings), channels};
   }
   // Where the coarse grid gave a wrong start, the settled vectors around it give a better one; and the domain now
   // includes tissue that has settled since.
   const cv::Mat settled = settledMask(pair, result);
   const double part = partOf(settled, pair);
-  if (1 - part < kLeastGain) return result;
+  if (1 - part < kLeastGain) return {result, channels};
   const FlowResult again =
       look(pair, continued(result.flow, settled), around(settled, kLastReach, pair.resolution), false, settings);
-  return partOf(settledMask(pair, again), pair) > part ? again : result;
+  return {partOf(settledMask(pair, again), pair) > part ? again : result, channels};
 }
 
 }  // namespace cortshift_tracking

@@ -19,6 +19,7 @@ class WindowMean {
   /// Part of each window that counts, 0...1; nothing beyond the image does.
   const cv::Mat& share() const { return share_; }
   const cv::Mat& weight() const { return weight_; }
+  int side() const { return side_; }  ///< [px]
 
   /// Mean of CV_32FC1 values; too small where less than a tenth of the window counts.
   cv::Mat of(const cv::Mat& values) const { return sum(values.mul(weight_)).mul(inverse_); }

@@ -4,12 +4,10 @@
 #include <cmath>
 #include <vector>
 
-#include "cortshift_flow/flow.hpp"
 #include "cortshift_flow/range.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "matching/flow_targets.hpp"
 #include "matching/window_mean.hpp"
-#include "parallel.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -71,9 +69,30 @@ cv::Mat bendOf(const cv::Mat& flow, double resolution, const WindowMean& everywh
   return bend * resolution;
 }
 
-float logistic(float logit) { return 1 / (1 + std::exp(-logit)); }
-
-float logWithin(float value, float low, float high) { return std::log(std::clamp(value, low, high)); }
+/// @param window of the pair; patterns without colour
+cv::Mat apertureOf(const cv::Mat& first, const cv::Mat& second, const WindowMean& window, double resolution,
+                   double image_noise) {
+  constexpr double kSobel = 1.0 / 8;  // makes OpenCV's 3 x 3 kernels derivatives per pixel
+  cv::Mat dx[2], dy[2];
+  for (const int i : {0, 1}) {
+    cv::Sobel(i == 0 ? first : second, dx[i], CV_32F, 1, 0, 3, kSobel);
+    cv::Sobel(i == 0 ? first : second, dy[i], CV_32F, 0, 1, 3, kSobel);
+  }
+  // Of one image with the other: what only one of them shows, noise for instance, cancels out.
+  const cv::Mat xx = window.of(dx[0].mul(dx[1])), yy = window.of(dy[0].mul(dy[1])),
+                xy = window.of(0.5 * (dx[0].mul(dy[1]) + dx[1].mul(dy[0])));
+  constexpr float kNothing = 1e-9F;  // below any texture that eight bits hold
+  const double noise = image_noise / window.side();
+  cv::Mat aperture(first.size(), CV_32FC1);
+  for (int row = 0; row < aperture.rows; ++row)
+    for (int column = 0; column < aperture.cols; ++column) {
+      const float half_sum = 0.5F * (xx.at<float>(row, column) + yy.at<float>(row, column)),
+                  half_difference = 0.5F * (xx.at<float>(row, column) - yy.at<float>(row, column)),
+                  smaller = half_sum - std::hypot(half_difference, xy.at<float>(row, column));
+      aperture.at<float>(row, column) = static_cast<float>(noise * resolution) / std::sqrt(std::max(kNothing, smaller));
+    }
+  return aperture;
+}
 
 }  // namespace
 
@@ -103,6 +122,7 @@ Agreement agreementOf(const Seen& first, const Seen& second, const cv::Mat& flow
   agreement.residual = cv::Mat(a.size(), CV_32FC1, cv::Scalar(1));
   agreement.hue = hueChange(first.colour, second_colour, {weight, kHueWindow * settings.window, resolution});
   agreement.bend = bendOf(flow, resolution, {cv::Mat::ones(a.size(), CV_32FC1), settings.window, resolution});
+  agreement.aperture = apertureOf(a, b, window, resolution, settings.image_noise);
   for (int row = 0; row < a.rows; ++row)
     for (int column = 0; column < a.cols; ++column) {
       if (weight.at<float>(row, column) == 0 || window.share().at<float>(row, column) < WindowMean::kLeastShare)
@@ -116,41 +136,6 @@ Agreement agreementOf(const Seen& first, const Seen& second, const cv::Mat& flow
       agreement.residual.at<float>(row, column) = std::sqrt(std::max(0.0F, va + vb - 2 * cross));
     }
   return agreement;
-}
-
-// Both models were fitted to vectors between the stages of cases generated for it; the cases of the benchmark, the demo
-// and the theatre were not among them. Logarithms are cut off where the fit had no data.
-
-float probabilityOfMatch(const MatchEvidence& evidence) {
-  if (!std::isfinite(evidence.flow_error)) return 0;  // there is no flow to judge
-  return logistic(-21.91F - 0.6251F * logWithin(evidence.flow_error, 3e-6F, 1e-3F) + 4.531F * evidence.correlation -
-                  0.7433F * logWithin(evidence.residual, 0.002F, 0.2F) -
-                  0.4316F * logWithin(evidence.hue, 0.01F, 1.0F) - 1.054F * logWithin(evidence.bend, 5e-6F, 5e-4F));
-}
-
-float probabilityOfHeight(const HeightEvidence& evidence) {
-  constexpr float kRight = 0.00025F;  // [m]
-  // What surfaces expect is too little on weak texture, the worst case of config/phantom/fit: with 1.2 times as much,
-  // its vectors are wrong at most 1.3 times as often as they say (shift_benchmark, see BENCHMARK.md).
-  constexpr float kExpectedTooLittle = 1.2F;
-  const float of_one_thing = logistic(-10.39F - 1.505F * logWithin(evidence.roughness, 2e-6F, 1e-3F)),
-              deviation = kExpectedTooLittle * std::max(evidence.deviation, 1e-9F);
-  return of_one_thing * std::erf(kRight / (std::sqrt(2.0F) * deviation));
-}
-
-cv::Mat probabilityOfMatch(const cv::Mat& flow_confidence, const Agreement& agreement, double resolution) {
-  cv::Mat probability(flow_confidence.size(), CV_32FC1);
-  parallelRanges(probability.rows, 0, [&](int first, int last) {
-    for (int row = first; row < last; ++row)
-      for (int column = 0; column < probability.cols; ++column) {
-        const double flow_error = cortshift_flow::predictedError(flow_confidence.at<float>(row, column));
-        probability.at<float>(row, column) =
-            probabilityOfMatch({static_cast<float>(flow_error * resolution),
-                                agreement.correlation.at<float>(row, column), agreement.residual.at<float>(row, column),
-                                agreement.hue.at<float>(row, column), agreement.bend.at<float>(row, column)});
-      }
-  });
-  return probability;
 }
 
 }  // namespace cortshift_tracking

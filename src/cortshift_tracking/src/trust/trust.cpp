@@ -4,11 +4,11 @@
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
+#include <string>
 #include <vector>
 
 #include "cortshift_flow/range.hpp"
 #include "cortshift_tracking/error.hpp"
-#include "cortshift_tracking/matching/image_matching.hpp"
 #include "matching/flow_targets.hpp"
 #include "matching/window_mean.hpp"
 #include "parallel.hpp"
@@ -64,9 +64,9 @@ cv::Mat sample(const cv::Mat& image, const cv::Mat& map, int interpolation) {
   return out;
 }
 
-/// Probability for every vector that ends at `map` that its heights are right: CV_32FC1.
-cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later, const cv::Mat& map,
-                             const cv::Mat& errors, double window) {
+/// Root mean square deviation of the change of height from its mean over the window, for vectors that end at `map`
+/// [m]: CV_32FC1.
+cv::Mat roughnessOf(const Projection& earlier, const Projection& later, const cv::Mat& map, double window) {
   cv::Mat first = earlier.height.clone(), second = later.height.clone();
   cv::patchNaNs(first, 0);
   cv::patchNaNs(second, 0);
@@ -78,14 +78,7 @@ cv::Mat probabilityOfHeights(const Projection& earlier, const Projection& later,
   const cv::Mat deviation = change - mean.of(change);
   cv::Mat roughness;
   cv::sqrt(mean.of(deviation.mul(deviation)), roughness);
-  cv::Mat probability(covered.size(), CV_32FC1);
-  parallelRanges(probability.rows, 0, [&](int first_row, int last_row) {
-    for (int row = first_row; row < last_row; ++row)
-      for (int column = 0; column < probability.cols; ++column)
-        probability.at<float>(row, column) =
-            probabilityOfHeight({roughness.at<float>(row, column), errors.at<float>(row, column)});
-  });
-  return probability;
+  return roughness;
 }
 
 /// Sets the confidence to 0 in small patches of vectors that seem right: smaller than four of the windows in which the
@@ -148,26 +141,40 @@ double overlapOf(const Projection& earlier, const Projection& later) {
   return area == 0 ? 0.0 : static_cast<double>(cv::countNonZero(earlier.mask & later.mask)) / area;
 }
 
-cv::Mat combineConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
-                          const cv::Mat& flow_confidence, const cv::Mat& height_errors, const cv::Mat& earlier_usable,
-                          const cv::Mat& later_usable, const TrustSettings& settings) {
+VectorEvidence evidenceOf(const Projection& earlier, const Projection& later, const ProjectionMatch& match,
+                          const cv::Mat& height_errors, const cv::Mat& earlier_usable, const cv::Mat& later_usable,
+                          const TrustSettings& settings) {
   settings.validate();
   const auto inner = [&](const Projection& projection) {
     return erodeBorder(projection.mask, settings.border / projection.resolution,
                        settings.hole_border / projection.resolution);
   };
-  const cv::Mat map = flowTargets(flow);
-  const cv::Mat allowed = inner(earlier) & earlier_usable & sample(inner(later) & later_usable, map, cv::INTER_NEAREST);
-  const auto seen = [](const Projection& projection, const cv::Mat& usable) -> Seen {
-    return {flowImage(projection.colour, usable, "luminance", ImageMatchingSettings().detail), projection.colour,
-            usable};
+  const cv::Mat map = flowTargets(match.flow);
+  const std::string channels = match.channels == "rgb" ? "luminance" : match.channels;
+  const auto seen = [&](const Projection& projection, const cv::Mat& usable) -> Seen {
+    return {flowImage(projection.colour, usable, channels, ImageMatchingSettings().detail), projection.colour, usable};
   };
-  const Agreement agreement = agreementOf(seen(earlier, earlier_usable), seen(later, later_usable), flow,
-                                          earlier.resolution, settings.agreement);
-  cv::Mat confidence = probabilityOfMatch(flow_confidence, agreement, earlier.resolution)
-                           .mul(probabilityOfHeights(earlier, later, map, height_errors, settings.agreement.window));
-  confidence.setTo(0, allowed == 0);
-  dropIslands(confidence, settings.agreement.window / earlier.resolution);
+  VectorEvidence evidence;
+  evidence.resolution = earlier.resolution;
+  evidence.flow_confidence = match.confidence;
+  evidence.agreement = agreementOf(seen(earlier, earlier_usable), seen(later, later_usable), match.flow,
+                                   earlier.resolution, settings.agreement);
+  evidence.roughness = roughnessOf(earlier, later, map, settings.agreement.window);
+  evidence.height_errors = height_errors;
+  evidence.allowed = inner(earlier) & earlier_usable & sample(inner(later) & later_usable, map, cv::INTER_NEAREST);
+  return evidence;
+}
+
+cv::Mat confidenceOf(const VectorEvidence& evidence, const TrustSettings& settings) {
+  cv::Mat confidence = probabilityOfMatch(evidence.flow_confidence, evidence.agreement, evidence.resolution);
+  parallelRanges(confidence.rows, 0, [&](int first, int last) {
+    for (int row = first; row < last; ++row)
+      for (int column = 0; column < confidence.cols; ++column)
+        confidence.at<float>(row, column) *= probabilityOfHeight(
+            {evidence.roughness.at<float>(row, column), evidence.height_errors.at<float>(row, column)});
+  });
+  confidence.setTo(0, evidence.allowed == 0);
+  dropIslands(confidence, settings.agreement.window / evidence.resolution);
   return confidence;
 }
 

@@ -4,9 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <opencv2/imgproc.hpp>
-#include <tuple>
+#include <string>
 #include <vector>
 
 #include "cortshift_tracking/matching/image_matching.hpp"
@@ -99,96 +98,38 @@ TEST(Agreement, FollowsTheCorrelationAndIgnoresLight) {
   EXPECT_LT(agreement.residual.at<float>(40, 60), 0.3F * agreement.residual.at<float>(40, 120));
 }
 
-double odds(double probability) { return probability / (1 - probability); }
-
-/// What a doubt does to the odds of a vector: from each of the values to the next they fall, and at last are at most
-/// this share of the first ones.
-template <typename Evidence, typename Probability>
-void expectOddsToFall(const char* doubt, Evidence evidence, float Evidence::*value, const std::vector<float>& values,
-                      double share, const Probability& probability) {
-  std::vector<double> found;
-  for (const float one : values) {
-    evidence.*value = one;
-    found.push_back(odds(probability(evidence)));
+TEST(Agreement, TheApertureIsWhatTheTextureLeavesOpen) {
+  // Stripes of 0.1 on 0.5 that change along the columns alone, then along both, then not at all: side by side.
+  constexpr double kPeriod = 12;                       // [px]
+  cv::Mat first(60, 240, CV_32FC1, cv::Scalar(0.5F));  // 0.1 mm
+  for (int row = 0; row < first.rows; ++row)
+    for (int column = 0; column < 160; ++column) {
+      const double across = std::sin(2 * M_PI * column / kPeriod), along = std::sin(2 * M_PI * row / kPeriod);
+      first.at<float>(row, column) += static_cast<float>(0.1 * (column < 80 ? across : 0.5 * (across + along)));
+    }
+  cv::Mat noisy[2] = {first.clone(), first.clone()};
+  cv::RNG random(1);
+  for (cv::Mat& image : noisy) {
+    cv::Mat noise(image.size(), CV_32FC1);
+    random.fill(noise, cv::RNG::NORMAL, 0, 0.005);
+    image += noise;
   }
-  EXPECT_EQ(std::adjacent_find(found.begin(), found.end(), [](double a, double b) { return !(b < a); }), found.end())
-      << doubt << " does not lower the odds at every step: " << testing::PrintToString(found);
-  EXPECT_LT(found.back(), share * found.front()) << doubt;
-}
-
-TEST(ProbabilityOfMatch, FallsWithEveryDoubt) {
-  const MatchEvidence sound{5e-6F, 0.95F, 0.005F, 0.02F, 5e-6F};
-  EXPECT_GT(probabilityOfMatch(sound), 0.99);
-  const auto probability = [](const MatchEvidence& evidence) { return probabilityOfMatch(evidence); };
-  // From what a good match shows to what a wrong one does.
-  expectOddsToFall("flow_error", sound, &MatchEvidence::flow_error, {5e-6F, 2e-5F, 8e-5F, 3e-4F, 1e-3F}, 0.1,
-                   probability);
-  expectOddsToFall("correlation", sound, &MatchEvidence::correlation, {0.95F, 0.7F, 0.4F, 0.0F, -0.5F}, 0.02,
-                   probability);
-  expectOddsToFall("residual", sound, &MatchEvidence::residual, {0.005F, 0.01F, 0.03F, 0.08F, 0.2F}, 0.1, probability);
-  expectOddsToFall("hue", sound, &MatchEvidence::hue, {0.02F, 0.05F, 0.15F, 0.4F, 1.0F}, 0.25, probability);
-  expectOddsToFall("bend", sound, &MatchEvidence::bend, {5e-6F, 2e-5F, 6e-5F, 2e-4F, 5e-4F}, 0.02, probability);
-  MatchEvidence none = sound;
-  none.flow_error = std::numeric_limits<float>::infinity();
-  EXPECT_EQ(probabilityOfMatch(none), 0);
-  // Two or three middling doubts together are enough for the gate of 0.5; one is not.
-  EXPECT_GT(probabilityOfMatch({1e-4F, 0.9F, 0.01F, 0.03F, 1e-5F}), 0.9);
-  EXPECT_LT(probabilityOfMatch({1e-4F, 0.3F, 0.05F, 0.1F, 5e-5F}), 0.5);
-  EXPECT_LT(probabilityOfMatch({1e-4F, 0.0F, 0.08F, 0.2F, 3e-5F}), 0.15);
-}
-
-TEST(ProbabilityOfHeight, FallsWithEveryDoubt) {
-  const HeightEvidence sound{1e-5F, 2e-5F};
-  EXPECT_GT(probabilityOfHeight(sound), 0.99);
-  const auto probability = [](const HeightEvidence& evidence) { return probabilityOfHeight(evidence); };
-  expectOddsToFall("roughness", sound, &HeightEvidence::roughness, {1e-5F, 3e-5F, 1e-4F, 3e-4F, 1e-3F}, 0.01,
-                   probability);
-  expectOddsToFall("deviation", sound, &HeightEvidence::deviation, {8e-5F, 1.2e-4F, 2.5e-4F, 5e-4F, 1e-3F}, 0.01,
-                   probability);
-  EXPECT_GT(probabilityOfHeight({1e-4F, 5e-5F}), 0.9);
-  EXPECT_LT(probabilityOfHeight({5e-4F, 2.5e-4F}), 0.5);
-  EXPECT_LT(probabilityOfHeight({1e-3F, 4e-4F}), 0.25);
-}
-
-double logOdds(float probability) {
-  return std::log(static_cast<double>(probability) / (1 - static_cast<double>(probability)));
-}
-
-// What a fit wrote is not rounded, doubled or taken for another's by chance: the odds at one place, and how they change
-// from there.
-TEST(Probabilities, AreThoseThatWereFitted) {
-  constexpr auto kE = static_cast<float>(M_E);
-  const MatchEvidence match{1e-4F, 0.5F, 0.05F, 0.1F, 5e-5F};
-  const double matched = logOdds(probabilityOfMatch(match));
-  EXPECT_NEAR(matched, -0.2283, 1e-3);
-  const auto changed = [&](float MatchEvidence::*doubt, float value) {
-    MatchEvidence other = match;
-    other.*doubt = value;
-    return logOdds(probabilityOfMatch(other)) - matched;
+  const cv::Mat flow = cv::Mat::zeros(60, 240, CV_32FC2), all = fullMask(240, 60);
+  cv::Mat colour;
+  cv::cvtColor(first, colour, cv::COLOR_GRAY2BGR);
+  AgreementSettings settings;
+  settings.image_noise = 0.02;
+  const auto apertureOf = [&](const cv::Mat& a, const cv::Mat& b) {
+    return agreementOf({a, colour, all}, {b, colour, all}, flow, 0.0001, settings).aperture;
   };
-  EXPECT_NEAR(changed(&MatchEvidence::flow_error, kE * 1e-4F), -0.6251, 1e-4);
-  EXPECT_NEAR(changed(&MatchEvidence::correlation, 0.6F), 0.4531, 1e-4);
-  EXPECT_NEAR(changed(&MatchEvidence::residual, kE * 0.05F), -0.7433, 1e-4);
-  EXPECT_NEAR(changed(&MatchEvidence::hue, kE * 0.1F), -0.4316, 1e-4);
-  EXPECT_NEAR(changed(&MatchEvidence::bend, kE * 5e-5F), -1.054, 1e-4);
-
-  EXPECT_NEAR(logOdds(probabilityOfHeight({3e-4F, 0})), 1.818, 1e-3);
-  EXPECT_NEAR(logOdds(probabilityOfHeight({kE * 3e-4F, 0})), 1.818 - 1.505, 1e-3);
-  // 0.25 mm are 2 and 0.5 of the standard deviations that are found, 1.2 times the expected ones.
-  EXPECT_NEAR(probabilityOfHeight({1e-5F, 0.000125F / 1.2F}), 0.9545 * probabilityOfHeight({1e-5F, 0}), 1e-4);
-  EXPECT_NEAR(probabilityOfHeight({1e-5F, 0.0005F / 1.2F}), 0.3829 * probabilityOfHeight({1e-5F, 0}), 1e-4);
-
-  // Beyond what the fit has seen nothing changes.
-  const std::tuple<float MatchEvidence::*, float, float> ends[] = {{&MatchEvidence::flow_error, 3e-6F, 1e-3F},
-                                                                   {&MatchEvidence::residual, 0.002F, 0.2F},
-                                                                   {&MatchEvidence::hue, 0.01F, 1.0F},
-                                                                   {&MatchEvidence::bend, 5e-6F, 5e-4F}};
-  for (const auto& [doubt, low, high] : ends) {
-    EXPECT_EQ(changed(doubt, low), changed(doubt, 0.1F * low));
-    EXPECT_LT(changed(doubt, 1.1F * low), changed(doubt, low));
-    EXPECT_EQ(changed(doubt, high), changed(doubt, 10 * high));
-    EXPECT_GT(changed(doubt, 0.9F * high), changed(doubt, high));
-  }
+  const cv::Mat aperture = apertureOf(first, first), of_noisy = apertureOf(noisy[0], noisy[1]);
+  // Noise over the root of the sum of squared slopes of one of the two waves over 21 x 21 pixels.
+  const double slope = 0.05 * std::sin(2 * M_PI / kPeriod) / std::sqrt(2.0), both = 0.0001 * 0.02 / (21 * slope);
+  EXPECT_NEAR(aperture.at<float>(30, 120), both, 0.1 * both);
+  EXPECT_NEAR(of_noisy.at<float>(30, 120), both, 0.15 * both);  // noise is no texture
+  EXPECT_GT(aperture.at<float>(30, 40), 20 * both);             // nothing holds it along the stripes
+  EXPECT_GT(of_noisy.at<float>(30, 40), 3 * both);
+  EXPECT_GT(of_noisy.at<float>(30, 220), 3 * both);
 }
 
 TEST(Agreement, AnInstrumentOfAnotherHueIsSeenAndTheLampsColourIsNot) {
@@ -206,7 +147,16 @@ TEST(Agreement, AnInstrumentOfAnotherHueIsSeenAndTheLampsColourIsNot) {
   EXPECT_GT(agreement.hue.at<float>(50, 175), 0.5F);
 }
 
-TEST(CombineConfidence, AFewVectorsAmidWrongOnesAreNotBelieved) {
+/// A flow that is sure of itself.
+ProjectionMatch matchOf(const cv::Mat& flow, const std::string& channels = "rgb") {
+  ProjectionMatch match;
+  match.flow = flow;
+  match.confidence = cv::Mat(flow.size(), CV_32FC1, cv::Scalar(0.99));
+  match.channels = channels;
+  return match;
+}
+
+TEST(Confidence, AFewVectorsAmidWrongOnesAreNotBelieved) {
   const cv::Mat exact = cv::Mat::zeros(300, 300, CV_32FC1);
   const Projection earlier = textured({300, 300}, 1), other = textured({300, 300}, 2);
   cv::Mat restless(300, 300, CV_32FC2);  // as a flow is where nothing matches
@@ -219,27 +169,44 @@ TEST(CombineConfidence, AFewVectorsAmidWrongOnesAreNotBelieved) {
     earlier.colour(patch).copyTo(later.colour(patch));
     cv::Mat flow = restless.clone();
     flow(patch).setTo(0);
-    const cv::Mat all = fullMask(300, 300), flow_confidence(300, 300, CV_32FC1, cv::Scalar(0.99));
-    return combineConfidence(earlier, later, flow, flow_confidence, exact, all, all).at<float>(150, 150);
+    const cv::Mat all = fullMask(300, 300);
+    return confidenceOf(evidenceOf(earlier, later, matchOf(flow), exact, all, all)).at<float>(150, 150);
   };
   EXPECT_EQ(agreeingIn(24), 0);
   EXPECT_GT(agreeingIn(120), 0.8F);
 }
 
-TEST(CombineConfidence, UnsureSurfacesAndTheBorderOfBothStagesLowerIt) {
+TEST(Confidence, UnsureSurfacesAndTheBorderOfBothStagesLowerIt) {
   cv::Mat errors = cv::Mat::zeros(200, 200, CV_32FC1);
   errors.at<float>(100, 110) = 0.0003F;
   Projection earlier = textured({200, 200}, 1), later = earlier;
   later.colour = earlier.colour.clone();
-  const cv::Mat all = fullMask(200, 200), flow_confidence(200, 200, CV_32FC1, cv::Scalar(0.99));
+  const cv::Mat all = fullMask(200, 200);
   cv::Mat flow = cv::Mat::zeros(200, 200, CV_32FC2);
-  cv::Mat confidence = combineConfidence(earlier, later, flow, flow_confidence, errors, all, all);
+  cv::Mat confidence = confidenceOf(evidenceOf(earlier, later, matchOf(flow), errors, all, all));
   EXPECT_GT(confidence.at<float>(100, 100), 0.9F);
-  EXPECT_NEAR(confidence.at<float>(100, 110), 0.512F * confidence.at<float>(100, 100), 0.01F);
+  EXPECT_NEAR(confidence.at<float>(100, 110), 0.499F * confidence.at<float>(100, 100), 0.01F);
   EXPECT_EQ(confidence.at<float>(10, 100), 0);      // 1 mm from the border
   flow.at<cv::Vec2f>(100, 100) = cv::Vec2f(85, 0);  // ends 1.5 mm from the border
-  confidence = combineConfidence(earlier, later, flow, flow_confidence, errors, all, all);
+  confidence = confidenceOf(evidenceOf(earlier, later, matchOf(flow), errors, all, all));
   EXPECT_EQ(confidence.at<float>(100, 100), 0);
+}
+
+TEST(Confidence, IsThatOfTheChannelsThatTheFlowSaw) {
+  const cv::Mat exact = cv::Mat::zeros(200, 200, CV_32FC1), still = cv::Mat::zeros(200, 200, CV_32FC2);
+  const Projection earlier = textured({200, 200}, 1), other = textured({200, 200}, 2);
+  Projection later = earlier;  // blue shows the same tissue, green and red something else
+  later.colour = other.colour.clone();
+  const int blue[] = {0, 0};
+  cv::mixChannels(&earlier.colour, 1, &later.colour, 1, blue, 1);
+  const cv::Mat all = fullMask(200, 200);
+  const auto odds = [&](const char* channels) {
+    const cv::Mat confidence = confidenceOf(evidenceOf(earlier, later, matchOf(still, channels), exact, all, all));
+    const double mean = cv::mean(confidence(cv::Rect(50, 50, 100, 100)))[0];
+    return mean / (1 - mean);
+  };
+  EXPECT_GT(odds("blue"), 10 * odds("rgb"));
+  EXPECT_GT(odds("blue"), 10 * odds("green"));
 }
 
 TEST(Overlap, IsAPartOfTheEarlierArea) {

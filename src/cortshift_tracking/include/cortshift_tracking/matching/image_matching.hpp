@@ -38,15 +38,19 @@ cv::Mat flowImage(const cv::Mat& colour, const cv::Mat& usable, const std::strin
 std::string chooseChannels(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
                            const cv::Mat& later_usable, const ImageMatchingSettings& settings = {});
 
+struct ProjectionMatch : cortshift_flow::FlowResult {
+  std::string channels;  ///< what the flow saw: rgb, green, blue or luminance
+};
+
 /// Flow [grid units] from the earlier to the later projection.
 /// @param earlier_usable, later_usable CV_8UC1: 0 where the image must not count (holes, folds, glare, exclusions)
 /// @param prediction CV_32FC2 [grid units], for instance of the moment before, to start from; or empty
-cortshift_flow::FlowResult matchProjections(const Projection& earlier, const Projection& later,
-                                            const cv::Mat& earlier_usable, const cv::Mat& later_usable,
-                                            const ImageMatchingSettings& settings = {}, const cv::Mat& prediction = {});
+ProjectionMatch matchProjections(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
+                                 const cv::Mat& later_usable, const ImageMatchingSettings& settings = {},
+                                 const cv::Mat& prediction = {});
 
 /// The certain vectors of a flow, continued smoothly over all others: a start for the next flow.
-/// @param confidence CV_32FC1 0...1, see combineConfidence
+/// @param confidence CV_32FC1 0...1, see confidenceOf
 cv::Mat predictionOf(const cv::Mat& flow, const cv::Mat& confidence);
 
 /// Continues an image smoothly where `mask` is 0.

@@ -27,38 +27,14 @@ struct Agreement {
   cv::Mat residual;     ///< CV_32FC1 standard deviation of the patterns' difference, of a mean brightness of 0.5
   cv::Mat hue;          ///< CV_32FC1 change of the colour's log ratios, less what changed everywhere
   cv::Mat bend;         ///< CV_32FC1 root mean square of the flow's deviation from its own mean over the window [m]
+  /// CV_32FC1 [m]: standard deviation of a shift of the window along the direction in which the texture that both show
+  /// tells least of it (aperture problem), at `image_noise`.
+  cv::Mat aperture;
 };
 
 /// @param flow [grid units]; second(x + flow(x)) is compared with first(x)
 /// @param resolution of the grid [m]
 Agreement agreementOf(const Seen& first, const Seen& second, const cv::Mat& flow, double resolution,
                       const AgreementSettings& settings = {});
-
-/// Evidence about one vector of a flow.
-struct MatchEvidence {
-  float flow_error = 0;   ///< the flow's own predicted error [m]
-  float correlation = 0;  ///< this and the following: see Agreement
-  float residual = 0;
-  float hue = 0;
-  float bend = 0;
-};
-
-/// Probability that the vector is right to 0.25 mm within the plane of the projection: a logistic model.
-float probabilityOfMatch(const MatchEvidence& evidence);
-
-/// The same for a whole flow: CV_32FC1 0...1.
-/// @param flow_confidence CV_32FC1 0...1 of computeFlow()
-cv::Mat probabilityOfMatch(const cv::Mat& flow_confidence, const Agreement& agreement, double resolution);
-
-/// Evidence about the two heights that a vector leads from and to.
-struct HeightEvidence {
-  float roughness = 0;  ///< root mean square deviation of the change of height from its mean over the window [m]
-  float deviation = 0;  ///< standard deviation of the change of height that the two surfaces expect [m]
-};
-
-/// Probability that the change of height is right to 0.25 mm where the vector is right within the plane: that neither
-/// something else lies at one end (a logistic model of roughness), nor an error as the surfaces expect exceeds 0.25 mm
-/// (normal distribution).
-float probabilityOfHeight(const HeightEvidence& evidence);
 
 }  // namespace cortshift_tracking

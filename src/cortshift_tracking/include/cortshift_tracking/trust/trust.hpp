@@ -3,8 +3,10 @@
 
 #include <opencv2/core.hpp>
 
+#include "cortshift_tracking/matching/image_matching.hpp"
 #include "cortshift_tracking/projection/projection.hpp"
 #include "cortshift_tracking/trust/agreement.hpp"
+#include "cortshift_tracking/trust/probability.hpp"
 
 namespace cortshift_tracking {
 
@@ -30,13 +32,25 @@ cv::Mat erodeBorder(const cv::Mat& mask, double border, double hole_border);
 /// Part of the earlier surface's projected area that the later surface covers too, 0...1 (0 if there is no area).
 double overlapOf(const Projection& earlier, const Projection& later);
 
-/// The confidence: CV_32FC1 0...1 over the earlier image, the probability that a vector is right to 0.25 mm:
-/// probabilityOfMatch times probabilityOfHeight; 0 where the start or the end of a vector is not usable or too near to
-/// the border, and in patches smaller than four windows in which the images are compared.
-/// @param flow_confidence CV_32FC1 0...1, of the image matching
-/// @param height_errors CV_32FC1 [m] standard deviation of each vector's change of height
-cv::Mat combineConfidence(const Projection& earlier, const Projection& later, const cv::Mat& flow,
-                          const cv::Mat& flow_confidence, const cv::Mat& height_errors, const cv::Mat& earlier_usable,
-                          const cv::Mat& later_usable, const TrustSettings& settings = {});
+/// What is known of each vector of a flow, to judge it by.
+struct VectorEvidence {
+  double resolution = 0;    ///< of the grid [m]
+  cv::Mat flow_confidence;  ///< CV_32FC1 0...1, of the image matching
+  Agreement agreement;
+  cv::Mat roughness;      ///< CV_32FC1 [m], see HeightEvidence
+  cv::Mat height_errors;  ///< CV_32FC1 [m] standard deviation of each vector's change of height
+  cv::Mat allowed;        ///< CV_8UC1 255: start and end of the vector are usable and far enough from the border
+};
+
+/// @param match the images are compared by the channels that the flow saw; all three by their luminance
+/// @param height_errors CV_32FC1 [m]
+VectorEvidence evidenceOf(const Projection& earlier, const Projection& later, const ProjectionMatch& match,
+                          const cv::Mat& height_errors, const cv::Mat& earlier_usable, const cv::Mat& later_usable,
+                          const TrustSettings& settings = {});
+
+/// CV_32FC1 0...1 over the earlier image, the probability that a vector is right to 0.25 mm: probabilityOfMatch times
+/// probabilityOfHeight; 0 where a vector is not allowed, and in patches smaller than four windows in which the images
+/// are compared.
+cv::Mat confidenceOf(const VectorEvidence& evidence, const TrustSettings& settings = {});
 
 }  // namespace cortshift_tracking

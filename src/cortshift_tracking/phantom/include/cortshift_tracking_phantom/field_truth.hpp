@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
 #include <string>
 
 #include "cortshift_stereo_phantom/phantom_scene.hpp"
@@ -10,8 +11,23 @@
 
 namespace cortshift_tracking_phantom {
 
-/// Whether vectors of some confidence are right as often as it says: to 0.25 mm within the plane of the projection and
-/// to 0.25 mm in height. Foreign vectors are wrong.
+/// How wrong one vector is.
+struct VectorError {
+  bool foreign = false;  ///< it starts on no tissue (a retractor) or its tissue is gone: no displacement is right
+  double length = 0;     ///< of true displacement less measured [m]; 0 where foreign, as the following
+  double in_plane = 0;   ///< its part in the plane of the projection [m]
+  double height = 0;     ///< and the one along its normal [m], 0 or more
+
+  /// As the confidence means it: not foreign, in_plane and height at most 0.25 mm.
+  bool right() const;
+};
+
+/// Nothing where the field has no vector or it starts outside the craniotomy.
+std::optional<VectorError> errorAt(const cortshift_tracking::DisplacementField& field,
+                                   const cortshift_stereo_phantom::PhantomScene& scene, int from, int to, int row,
+                                   int column);
+
+/// Whether vectors of some confidence are right as often as it says.
 struct Reliability {
   struct Bin {
     double confidence = 0;  ///< sum over the vectors
