@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Fits what the confidence of the flow makes of its evidence, or prints how reliable it is. script/fit_trust and script/benchmark flow trust
+"""Fits what the confidence of the flow makes of its evidence, or prints how reliable it is. script/fit_trust flow and script/benchmark flow trust
 run it.
 
 usage: fit_trust.py fit TOOLS HEADER [SET]     fits on SET (default fit), writes HEADER, prints figures of that set

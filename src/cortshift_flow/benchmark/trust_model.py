@@ -77,7 +77,8 @@ def header(models, names, provenance):
 
 def digest(text):
     """Of the numbers of a header, those that end in f: it carries their digest, so that one changed by hand shows."""
-    return hashlib.sha256(' '.join(re.findall(r'-?\d[\d.]*(?:e[-+]?\d+)?(?=f\b)', text)).encode()).hexdigest()[:16]
+    numbers = re.findall(r'-?\d[\d.]*(?:e[-+]?\d+)?(?=f\b)', re.sub('//.*', '', text))   # not in the comments: there it stands itself
+    return hashlib.sha256(' '.join(numbers).encode()).hexdigest()[:16]
 
 
 def number_text(value):

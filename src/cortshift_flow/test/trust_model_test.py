@@ -59,6 +59,7 @@ def test_the_digest_shows_one_changed_number():
     models = [([(0.1, 0.2)] * 2, np.arange(1, 8) / 8)]
     text = trust_model.header(models, ['one', 'two'], 'Fitted.')
     assert f'Digest of the numbers: {trust_model.digest(text)}\n' in text
+    assert trust_model.digest(text) == trust_model.digest(text.replace('Digest of the numbers: ', 'Digest of the numbers: 3f '))
     assert '{0.1f, 0.2f}' in text
     assert trust_model.digest(text.replace('{0.1f, 0.2f}', '{0.1f, 0.4f}', 1)) != trust_model.digest(text)
     assert trust_model.digest(text.replace('0.25f', '-0.25f', 1)) != trust_model.digest(text)

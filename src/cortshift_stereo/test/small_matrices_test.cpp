@@ -2,10 +2,20 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
+#include <iterator>
+#include <string>
+
 namespace cortshift_stereo {
 namespace {
 
-TEST(SmallMatrices, StayOnOneThread) { EXPECT_EQ(threadsForMatrices().value_or(1), 1); }
+TEST(SmallMatrices, StayOnOneThread) {
+  std::ifstream maps("/proc/self/maps");
+  const std::string loaded((std::istreambuf_iterator<char>(maps)), {});
+  if (loaded.find("openblas") == std::string::npos) GTEST_SKIP() << "another LAPACK than OpenBLAS is installed";
+  ASSERT_TRUE(threadsForMatrices());
+  EXPECT_EQ(*threadsForMatrices(), 1);
+}
 
 }  // namespace
 }  // namespace cortshift_stereo

@@ -12,12 +12,11 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/geometry/point_transform.hpp"
-#include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/shift.hpp"
 #include "cortshift_tracking_phantom/field_truth.hpp"
+#include "cortshift_tracking_phantom/seen_surface.hpp"
 
 namespace {
 
@@ -65,21 +64,12 @@ void append(std::vector<float>& out, const ShiftResult& result, const PhantomSce
     }
 }
 
-cortshift_stereo::Surface surfaceOf(PhantomPairs& pairs, int stage) {
-  const PhantomScene& scene = pairs.scene();
-  const StereoImages images = pairs.take(stage, 1);
-  auto result =
-      cortshift_stereo::reconstruct(images.left, images.right, cortshift_stereo::Rectifier(scene.stereoHead().model));
-  result.surface_left.points =
-      cortshift_stereo::transformPoints(scene.view(stage, Side::kLeft).T_pmr_camera, result.surface_left.points);
-  return result.surface_left;
-}
-
 void run(const PhantomCase& description, const char* path) {
   const auto scene = std::make_shared<const PhantomScene>(description);
   PhantomPairs pairs(scene);
   std::vector<cortshift_stereo::Surface> surfaces;
-  for (int stage = 0; stage < scene->stageCount(); ++stage) surfaces.push_back(surfaceOf(pairs, stage));
+  for (int stage = 0; stage < scene->stageCount(); ++stage)
+    surfaces.push_back(cortshift_tracking_phantom::seenSurface(pairs, stage));
   const Directions directions{averageNormal(surfaces[0]), {}};
   std::ofstream out(path, std::ios::binary);
   for (const double resolution : kResolutions) {

@@ -6,6 +6,7 @@ usage: shift_trust.py fit EVIDENCE HEADER   fits on the set `fit`, writes HEADER
        shift_trust.py report EVIDENCE SET   how reliable the confidence is on SET (judge, choose, fit)
 EVIDENCE is the program shift_evidence. The sets are photographs as tissue in the cases of config/phantom/SET; they share none.
 """
+import math
 import os
 import pathlib
 import subprocess
@@ -20,9 +21,9 @@ from scipy.special import erf, expit
 ROOT = pathlib.Path(__file__).parents[3]
 sys.path.insert(0, str(ROOT / 'src' / 'cortshift_flow' / 'benchmark'))
 
+import trust_pairs  # noqa: E402  pylint: disable=wrong-import-position,import-error
 from trust_model import digest, number_text  # noqa: E402  pylint: disable=wrong-import-position,import-error
 
-PLACES = [pathlib.Path(place) for place in ('/usr/share/doc/opencv-doc/examples/data', '/usr/lib/python3/dist-packages/skimage/data')]
 PAINTED = 'painted'   # the phantom's own cortex
 OWN = 'own'           # the photograph that the case names
 CASES = ('photograph', 'cameras', 'defocus', 'weak', 'wet', 'operated', 'instrument', 'pulsing')
@@ -74,7 +75,7 @@ def vectors_of(evidence, which, case, picture):
     """A list of arrays (vectors, COLUMNS), one for each shift."""
     options = {PAINTED: ['--painted'], OWN: []}.get(picture)
     if options is None:
-        options = ['--picture', str(next(place / picture for place in PLACES if (place / picture).exists()))]
+        options = ['--picture', str(trust_pairs.find(picture))]
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / 'out'
         subprocess.run([str(evidence), str(ROOT / 'config' / 'phantom' / which / f'{case}.yaml'), str(path), *options], check=True)
@@ -142,7 +143,7 @@ def covering(promised, wrong, groups, bounds):
 
     promised: probability that each vector is wrong, rising with x; groups: a number for each vector, the case that it is of.
     """
-    found = []
+    found, (low, high) = [], bounds
     for group in np.unique(groups):
         of_group = groups == group
         if wrong[of_group].sum() < FEWEST:
@@ -150,9 +151,13 @@ def covering(promised, wrong, groups, bounds):
 
         def excess(x, of_group=of_group):
             return promised(x)[of_group].sum() - wrong[of_group].sum()
-        low, high = bounds
         found.append(low if excess(low) >= 0 else high if excess(high) <= 0 else brentq(excess, low, high, xtol=1e-3))
-    return np.quantile(found, COVERED)
+    if not found:
+        raise ValueError(f'no case has {FEWEST} vectors that are off: nothing can be fitted to them')
+    value = np.sort(found)[math.ceil(COVERED * len(found)) - 1]
+    if value == high:
+        raise ValueError(f'more is wrong in one case of {1 / (1 - COVERED):.0f} than {high} promises: the evidence does not tell it')
+    return value
 
 
 class Model:
@@ -213,7 +218,7 @@ def row_of(name, confidence, wrong):
             f'{is_wrong / promised:.2f} | {100 * reported[~wrong].mean():.1f} % |')
 
 
-HEADING = '| of vectors | reported | of these wrong by 0.25 mm | promised | wrong / promised | of the right ones reported |\n' + '| --- ' * 6 + '|'
+HEADING = '| {} set: vectors of | reported | of these wrong by 0.25 mm | promised | wrong / promised | of the right ones reported |\n' + '| --- ' * 6 + '|'
 
 
 def fit(evidence, header):
@@ -230,7 +235,7 @@ def fit(evidence, header):
     weight *= len(weight) / weight.sum()
     model = Model(vectors, weight, np.concatenate(groups))
     confidence, at = model.confidence(vectors), 0
-    print(HEADING)
+    print(HEADING.format('fit'))
     for name, count in shares:
         print(row_of(name, confidence[at:at + count], vectors.wrong[at:at + count]))
         at += count
@@ -239,7 +244,7 @@ def fit(evidence, header):
 
 
 def report(evidence, which):
-    print(HEADING)
+    print(HEADING.format(which))
     everything = []
     for case, picture, shifts in gather(evidence, which):
         vectors = Vectors(np.concatenate(shifts))
@@ -247,7 +252,7 @@ def report(evidence, which):
         print(row_of(f'{case}, {picture}', vectors.confidence, vectors.wrong), flush=True)
     confidence, wrong = (np.concatenate(part) for part in zip(*everything))
     print(row_of('all', confidence, wrong))
-    print('\n| confidence | share of the vectors | promised to be wrong | are |\n| --- | --- | --- | --- |')
+    print(f'\n| {which} set: confidence | share of the vectors | promised to be wrong | are |\n| --- | --- | --- | --- |')
     edges = (0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95, 0.98, 0.99, 1.0001)
     for low, high in zip(edges, edges[1:]):
         inside = (confidence >= low) & (confidence < high)

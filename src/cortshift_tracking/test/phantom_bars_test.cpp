@@ -7,12 +7,11 @@
 #include <string>
 #include <tuple>
 
-#include "cortshift_stereo/geometry/point_transform.hpp"
-#include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
 #include "cortshift_tracking/field/inversion.hpp"
 #include "cortshift_tracking/shift.hpp"
 #include "cortshift_tracking_phantom/field_truth.hpp"
+#include "cortshift_tracking_phantom/seen_surface.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -46,15 +45,6 @@ class PhantomBars : public testing::TestWithParam<std::tuple<std::uint32_t, Bar>
     cortshift_stereo::Surface first_pmr;
   };
 
-  static cortshift_stereo::Surface seen(PhantomPairs& pairs, int stage) {
-    const PhantomScene& scene = pairs.scene();
-    const cortshift_stereo::Rectifier rectifier(scene.stereoHead().model);
-    const StereoImages images = pairs.take(stage, 1);
-    cortshift_stereo::Surface surface = reconstruct(images.left, images.right, rectifier).surface_left;
-    surface.points = cortshift_stereo::transformPoints(scene.view(stage, Side::kLeft).T_pmr_camera, surface.points);
-    return surface;
-  }
-
   /// The last one asked for is kept.
   static Case& caseNamed(const std::string& name, std::uint32_t head) {
     static std::string kept;
@@ -64,7 +54,7 @@ class PhantomBars : public testing::TestWithParam<std::tuple<std::uint32_t, Bar>
       description.head.seed = head;
       found.scene = std::make_shared<const PhantomScene>(description);
       found.pairs = std::make_unique<PhantomPairs>(found.scene);
-      found.first_pmr = seen(*found.pairs, 0);
+      found.first_pmr = cortshift_tracking_phantom::seenSurface(*found.pairs, 0);
       kept = wanted;
     }
     return found;
@@ -76,8 +66,9 @@ TEST_P(PhantomBars, AreReached) {
   Case& test_case = caseNamed(bar.case_name, head);
   const int stage = test_case.scene->stageIndex(bar.stage);
   ShiftSettings settings;
-  const ShiftResult result = computeShift(test_case.first_pmr, seen(*test_case.pairs, stage),
-                                          {averageNormal(test_case.first_pmr), std::nullopt}, settings);
+  const ShiftResult result =
+      computeShift(test_case.first_pmr, cortshift_tracking_phantom::seenSurface(*test_case.pairs, stage),
+                   {averageNormal(test_case.first_pmr), std::nullopt}, settings);
   const auto error = cortshift_tracking_phantom::compareWithTruth(result.field, *test_case.scene, 0, stage);
   std::printf("head %u\n%s", head, toText(error).c_str());
   EXPECT_LE(1e3 * error.median, bar.median);

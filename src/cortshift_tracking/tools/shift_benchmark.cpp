@@ -12,13 +12,13 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/geometry/point_transform.hpp"
-#include "cortshift_stereo/reconstruction.hpp"
+#include "cortshift_stereo/rectification/rectifier.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
 #include "cortshift_tracking/field/closure.hpp"
 #include "cortshift_tracking/field/pictures.hpp"
 #include "cortshift_tracking/shift.hpp"
 #include "cortshift_tracking_phantom/field_truth.hpp"
+#include "cortshift_tracking_phantom/seen_surface.hpp"
 
 namespace {
 
@@ -84,18 +84,12 @@ bool parse(int argc, char** argv, Options& out) {
   return !out.case_paths.empty();
 }
 
-cortshift_stereo::Surface seen(PhantomPairs& pairs, int stage, bool exact) {
+cortshift_stereo::Surface surfaceOf(PhantomPairs& pairs, int stage, bool exact) {
+  if (!exact) return cortshift_tracking_phantom::seenSurface(pairs, stage);
   const PhantomScene& scene = pairs.scene();
-  const cortshift_stereo::Rectifier rectifier(scene.stereoHead().model);
   const StereoImages images = pairs.take(stage, 1);
-  if (!exact) {
-    auto result = cortshift_stereo::reconstruct(images.left, images.right, rectifier);
-    result.surface_left.points =
-        cortshift_stereo::transformPoints(scene.view(stage, Side::kLeft).T_pmr_camera, result.surface_left.points);
-    return result.surface_left;
-  }
   cortshift_stereo::Surface surface;
-  surface.colour = rectifier.rectify(images.left, images.right).left_colour;
+  surface.colour = cortshift_stereo::Rectifier(scene.stereoHead().model).rectify(images.left, images.right).left_colour;
   truthOf(scene, stage, scene.rectified(stage, Side::kLeft)).points_pmr.convertTo(surface.points, CV_32F);
   surface.confidence = cv::Mat(surface.points.size(), CV_32FC1, cv::Scalar(1));
   return surface;
@@ -168,7 +162,7 @@ cortshift_tracking_phantom::Reliability run(const std::string& case_path, const 
   std::vector<cortshift_stereo::Surface> surfaces(static_cast<std::size_t>(scene->stageCount()));
   for (int stage = 0; stage < scene->stageCount(); ++stage)
     if (stage == 0 || !options.from_first || wanted(stage))
-      surfaces[static_cast<std::size_t>(stage)] = seen(pairs, stage, options.exact);
+      surfaces[static_cast<std::size_t>(stage)] = surfaceOf(pairs, stage, options.exact);
   const Directions directions{averageNormal(surfaces[0]), scene->description().gravity_pmr};
   std::vector<DisplacementField> consecutive;
   DisplacementField direct;

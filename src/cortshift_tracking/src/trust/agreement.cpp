@@ -81,15 +81,17 @@ cv::Mat apertureOf(const cv::Mat& first, const cv::Mat& second, const WindowMean
   // Of one image with the other: what only one of them shows, noise for instance, cancels out.
   const cv::Mat xx = window.of(dx[0].mul(dx[1])), yy = window.of(dy[0].mul(dy[1])),
                 xy = window.of(0.5 * (dx[0].mul(dy[1]) + dx[1].mul(dy[0])));
-  constexpr float kNothing = 1e-9F;  // below any texture that eight bits hold
-  const double noise = image_noise / window.side();
+  constexpr float kNothing = 1e-9F;                                   // below any texture that eight bits hold
+  const double noise = std::sqrt(2.0) * image_noise / window.side();  // of a difference
   cv::Mat aperture(first.size(), CV_32FC1);
   for (int row = 0; row < aperture.rows; ++row)
     for (int column = 0; column < aperture.cols; ++column) {
       const float half_sum = 0.5F * (xx.at<float>(row, column) + yy.at<float>(row, column)),
                   half_difference = 0.5F * (xx.at<float>(row, column) - yy.at<float>(row, column)),
                   smaller = half_sum - std::hypot(half_difference, xy.at<float>(row, column));
-      aperture.at<float>(row, column) = static_cast<float>(noise * resolution) / std::sqrt(std::max(kNothing, smaller));
+      const float counted = std::max(WindowMean::kLeastShare, window.share().at<float>(row, column));
+      aperture.at<float>(row, column) =
+          static_cast<float>(noise * resolution) / std::sqrt(counted * std::max(kNothing, smaller));
     }
   return aperture;
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include "cortshift_flow/flow.hpp"
 #include "parallel.hpp"
@@ -12,9 +13,12 @@ namespace {
 
 constexpr float kLeast = 1e-9F;  // of what a logarithm is taken: below any length or brightness that is measured
 
-float logOf(float value) { return std::log(std::max(kLeast, value)); }
+float logOf(float value) { return std::log(std::max(value, kLeast)); }  // what is no number stays none
 
-/// What a cue adds to the logit that the vector is wrong. Beyond the outer knots the fit had no data: nothing changes.
+static_assert(std::size(kMatchWeights) == kMatchCues, "the weights are of other cues: fit them anew");
+
+/// What a cue adds to the logit that the vector is wrong. Beyond the outer knots lies next to nothing of the fitting
+/// set: nothing changes.
 float added(float cue, const CueWeights& weights) {
   float sum = 0;
   for (int i = 0; i < kSlopes; ++i)

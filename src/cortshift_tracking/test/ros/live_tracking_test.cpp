@@ -19,7 +19,7 @@ TEST_F(ShiftTrackerNode, LiveModePublishesAFieldForTheNewestSurfaces) {
   ASSERT_TRUE(track.response.success) << track.response.message;
 
   std::vector<ros::Time> stamps;
-  std::vector<double> late;  // what the fields say [s]
+  std::vector<std::pair<double, double>> late;  // what the fields say, and what it took to compute them [s]
   cortshift_msgs::DisplacementFieldConstPtr last;
   ros::NodeHandle node;
   const ros::Subscriber fields [[maybe_unused]] = node.subscribe<cortshift_msgs::DisplacementField>(
@@ -27,7 +27,7 @@ TEST_F(ShiftTrackerNode, LiveModePublishesAFieldForTheNewestSurfaces) {
       boost::function<void(const cortshift_msgs::DisplacementFieldConstPtr&)>([&](const auto& message) {
         if (message->to_key.empty()) {
           stamps.push_back(message->to_stamp);
-          late.push_back(message->summary.latency);
+          late.emplace_back(message->summary.latency, message->summary.compute_time);
         }
         last = message;
       }));
@@ -48,11 +48,10 @@ TEST_F(ShiftTrackerNode, LiveModePublishesAFieldForTheNewestSurfaces) {
   EXPECT_EQ(last->from_key, "a");
   EXPECT_EQ(last->resolution, 0.0002);
   const double now = ros::Time::now().toSec();
-  for (std::size_t i = 0; i < stamps.size(); ++i) {  // after what it took to compute, before it was seen here
-    EXPECT_GT(late[i], 0.005);
-    EXPECT_LT(late[i], now - stamps[i].toSec());
+  for (std::size_t i = 0; i < stamps.size(); ++i) {
+    EXPECT_GT(late[i].first, late[i].second);
+    EXPECT_LT(late[i].first, now - stamps[i].toSec());
   }
-  EXPECT_GT(late.back(), last->summary.compute_time);
   EXPECT_GT(last->summary.magnitude_mean, 0.003);  // the last one was the sagged surface
   track.request.on = false;
   ASSERT_TRUE(ros::service::call("/shift_tracker/track", track));

@@ -8,11 +8,10 @@
 #include <memory>
 #include <string>
 
-#include "cortshift_stereo/geometry/point_transform.hpp"
-#include "cortshift_stereo/reconstruction.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
 #include "cortshift_tracking/shift.hpp"
 #include "cortshift_tracking_phantom/field_truth.hpp"
+#include "cortshift_tracking_phantom/seen_surface.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -30,16 +29,8 @@ struct Rendered {
     if (!picture.empty()) description.head.picture = PictureSettings{kPictures + picture, 0.04};
     scene = std::make_shared<const PhantomScene>(description);
     PhantomPairs pairs(scene);
-    first = seen(pairs, 0);
-    later = seen(pairs, scene->stageIndex(kLater));
-  }
-
-  cortshift_stereo::Surface seen(PhantomPairs& pairs, int stage) const {
-    const cortshift_stereo::Rectifier rectifier(scene->stereoHead().model);
-    const StereoImages images = pairs.take(stage, 1);
-    cortshift_stereo::Surface surface = reconstruct(images.left, images.right, rectifier).surface_left;
-    surface.points = cortshift_stereo::transformPoints(scene->view(stage, Side::kLeft).T_pmr_camera, surface.points);
-    return surface;
+    first = cortshift_tracking_phantom::seenSurface(pairs, 0);
+    later = cortshift_tracking_phantom::seenSurface(pairs, scene->stageIndex(kLater));
   }
 
   std::shared_ptr<const PhantomScene> scene;

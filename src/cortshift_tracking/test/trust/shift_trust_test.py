@@ -63,11 +63,23 @@ def test_a_fit_promises_what_is_true():
 
 def test_in_three_of_four_cases_no_more_is_wrong_than_promised():
     random = np.random.default_rng(6)
-    rates = np.array([0.02, 0.04, 0.06, 0.08, 0.10])
-    groups = np.repeat(np.arange(5), 20000)
+    rates = np.array([0.02, 0.04, 0.06, 0.08, 0.10, 0.12])
+    groups = np.repeat(np.arange(len(rates)), 20000)
     wrong = random.uniform(size=len(groups)) < rates[groups]
     promised = shift_trust.covering(lambda x: np.full(len(groups), x), wrong, groups, (0, 1))
-    assert promised == pytest.approx(0.08, abs=0.005)
+    assert promised == pytest.approx(0.10, abs=0.005)   # five of six; four are too few
+    with pytest.raises(ValueError, match='more is wrong in one case of 4 than 0.05 promises'):
+        shift_trust.covering(lambda x: np.full(len(groups), x), wrong, groups, (0, 0.05))
+    with pytest.raises(ValueError, match='no case has 30 vectors that are off'):
+        shift_trust.covering(lambda x: np.full(len(groups), x), np.zeros(len(groups), bool), groups, (0, 1))
+
+
+def test_a_photograph_that_is_missing_ends_the_fit(monkeypatch):
+    monkeypatch.setitem(shift_trust.PICTURES, 'fit', ('nobody.png',))
+    monkeypatch.setattr(shift_trust, 'CASES', ())
+    monkeypatch.setattr(shift_trust, 'jobs', lambda which: [('wet', 'nobody.png')])
+    with pytest.raises(FileNotFoundError, match='nobody.png: the photographs come with opencv-doc and python3-skimage'):
+        list(shift_trust.gather('no_program', 'fit'))
 
 
 def test_no_doubt_makes_a_vector_likelier_to_be_right():

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "cortshift_tracking/matching/image_matching.hpp"
+#include "trust/fitted_weights.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -119,17 +120,21 @@ TEST(Agreement, TheApertureIsWhatTheTextureLeavesOpen) {
   cv::cvtColor(first, colour, cv::COLOR_GRAY2BGR);
   AgreementSettings settings;
   settings.image_noise = 0.02;
-  const auto apertureOf = [&](const cv::Mat& a, const cv::Mat& b) {
-    return agreementOf({a, colour, all}, {b, colour, all}, flow, 0.0001, settings).aperture;
+  const auto apertureOf = [&](const cv::Mat& a, const cv::Mat& b, const cv::Mat& usable) {
+    return agreementOf({a, colour, usable}, {b, colour, usable}, flow, 0.0001, settings).aperture;
   };
-  const cv::Mat aperture = apertureOf(first, first), of_noisy = apertureOf(noisy[0], noisy[1]);
+  const cv::Mat aperture = apertureOf(first, first, all), of_noisy = apertureOf(noisy[0], noisy[1], all);
   // Noise over the root of the sum of squared slopes of one of the two waves over 21 x 21 pixels.
-  const double slope = 0.05 * std::sin(2 * M_PI / kPeriod) / std::sqrt(2.0), both = 0.0001 * 0.02 / (21 * slope);
+  const double slope = 0.05 * std::sin(2 * M_PI / kPeriod) / std::sqrt(2.0),
+               both = std::sqrt(2.0) * 0.0001 * 0.02 / (21 * slope);
   EXPECT_NEAR(aperture.at<float>(30, 120), both, 0.1 * both);
   EXPECT_NEAR(of_noisy.at<float>(30, 120), both, 0.15 * both);  // noise is no texture
   EXPECT_GT(aperture.at<float>(30, 40), 20 * both);             // nothing holds it along the stripes
   EXPECT_GT(of_noisy.at<float>(30, 40), 3 * both);
   EXPECT_GT(of_noisy.at<float>(30, 220), 3 * both);
+  cv::Mat half = all.clone();
+  half.rowRange(0, 30).setTo(0);  // at the edge half as much is compared
+  EXPECT_NEAR(apertureOf(first, first, half).at<float>(30, 120), std::sqrt(2.0) * both, 0.15 * both);
 }
 
 TEST(Agreement, AnInstrumentOfAnotherHueIsSeenAndTheLampsColourIsNot) {
@@ -185,7 +190,8 @@ TEST(Confidence, UnsureSurfacesAndTheBorderOfBothStagesLowerIt) {
   cv::Mat flow = cv::Mat::zeros(200, 200, CV_32FC2);
   cv::Mat confidence = confidenceOf(evidenceOf(earlier, later, matchOf(flow), errors, all, all));
   EXPECT_GT(confidence.at<float>(100, 100), 0.9F);
-  EXPECT_NEAR(confidence.at<float>(100, 110), 0.499F * confidence.at<float>(100, 100), 0.01F);
+  const float share = std::erf(0.25F / (0.3F * kExpectedTooLittle * std::sqrt(2.0F)));
+  EXPECT_NEAR(confidence.at<float>(100, 110), share * confidence.at<float>(100, 100), 0.001F);
   EXPECT_EQ(confidence.at<float>(10, 100), 0);      // 1 mm from the border
   flow.at<cv::Vec2f>(100, 100) = cv::Vec2f(85, 0);  // ends 1.5 mm from the border
   confidence = confidenceOf(evidenceOf(earlier, later, matchOf(flow), errors, all, all));

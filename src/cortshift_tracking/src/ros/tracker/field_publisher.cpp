@@ -35,7 +35,7 @@ void FieldPublisher::publish(const ShiftResult& result, const Directions& direct
     field_.publish(field);
   }
   const auto wanted = [&](const ros::Publisher& publisher) { return !live || publisher.getNumSubscribers() > 0; };
-  if (wanted(points_)) points_.publish(field.points);
+  points_.publish(field.points);
   if (wanted(markers_)) markers_.publish(arrowsOf(result.field, field.header, arrow_spacing_));
   const auto picture = [&](const ros::Publisher& publisher, const std::function<cv::Mat()>& draw) {
     if (wanted(publisher)) publisher.publish(cv_bridge::CvImage(field.header, "bgr8", draw()).toImageMsg());
