@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 
+#include "cortshift_stereo/geometry/point_transform.hpp"
 #include "cortshift_stereo_phantom/phantom_renderer.hpp"
 #include "cortshift_tracking/shift.hpp"
 #include "cortshift_tracking_phantom/field_truth.hpp"
