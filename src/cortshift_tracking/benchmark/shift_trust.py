@@ -31,7 +31,7 @@ PICTURES = {
     'fit': (PAINTED, 'camera.png', 'brick.png', 'moon.png', 'rocket.jpg', 'hubble_deep_field.jpg', 'cell.png', 'messi5.jpg', 'stuff.jpg',
             'orange.jpg', 'squirrel_cls.jpg', 'aero1.jpg', 'ela_original.jpg', 'ihc.png'),
     'choose': (PAINTED, 'gravel.png', 'butterfly.jpg', 'building.jpg', 'leuvenA.jpg', 'coins.png', 'apple.jpg', 'board.jpg'),
-    'judge': (PAINTED, 'grass.png', 'astronaut.png', 'graf1.png', 'fruits.jpg', 'baboon.jpg', 'home.jpg', 'HappyFish.jpg'),
+    'judge': (PAINTED, 'grass.png', 'astronaut.png', 'graf1.png', 'fruits.jpg', 'baboon.jpg', 'home.jpg', 'rubberwhale1.png'),
 }
 PER_PICTURE = 2      # cases; all of CASES with a case's own photograph
 CUES = ('flow_error', 'correlation', 'residual', 'hue', 'bend', 'aperture')   # of the match, as cuesOf() gives them

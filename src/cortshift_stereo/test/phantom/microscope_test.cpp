@@ -245,7 +245,7 @@ TEST(PhantomMicroscope, theSetsDoNotShareTheirPicturesPosesOrSeeds) {
       own.insert(description.head.picture->file);
       ++cases;
     }
-    EXPECT_EQ(cases, 9) << set;
+    EXPECT_EQ(cases, 10) << set;
     const PhantomCase base = loadPhantomCase((folder / set / "photograph.yaml"));
     for (const std::string& picture : own) EXPECT_TRUE(pictures.insert(picture).second) << picture;
     EXPECT_TRUE(seeds.insert(base.head.seed).second);
