@@ -8,6 +8,7 @@
 #include "cortshift_tracking/error.hpp"
 #include "matching/flow_targets.hpp"
 #include "matching/window_mean.hpp"
+#include "parallel.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -84,15 +85,18 @@ cv::Mat apertureOf(const cv::Mat& first, const cv::Mat& second, const WindowMean
   constexpr float kNothing = 1e-9F;                                   // below any texture that eight bits hold
   const double noise = std::sqrt(2.0) * image_noise / window.side();  // of a difference
   cv::Mat aperture(first.size(), CV_32FC1);
-  for (int row = 0; row < aperture.rows; ++row)
-    for (int column = 0; column < aperture.cols; ++column) {
-      const float half_sum = 0.5F * (xx.at<float>(row, column) + yy.at<float>(row, column)),
-                  half_difference = 0.5F * (xx.at<float>(row, column) - yy.at<float>(row, column)),
-                  smaller = half_sum - std::hypot(half_difference, xy.at<float>(row, column));
-      const float counted = std::max(WindowMean::kLeastShare, window.share().at<float>(row, column));
-      aperture.at<float>(row, column) =
-          static_cast<float>(noise * resolution) / std::sqrt(counted * std::max(kNothing, smaller));
-    }
+  parallelRanges(aperture.rows, 0, [&](int first_row, int last_row) {
+    for (int row = first_row; row < last_row; ++row)
+      for (int column = 0; column < aperture.cols; ++column) {
+        const float half_sum = 0.5F * (xx.at<float>(row, column) + yy.at<float>(row, column)),
+                    half_difference = 0.5F * (xx.at<float>(row, column) - yy.at<float>(row, column)),
+                    mixed = xy.at<float>(row, column),
+                    smaller = half_sum - std::sqrt(half_difference * half_difference + mixed * mixed),
+                    counted = std::max(WindowMean::kLeastShare, window.share().at<float>(row, column));
+        aperture.at<float>(row, column) =
+            static_cast<float>(noise * resolution) / std::sqrt(counted * std::max(kNothing, smaller));
+      }
+  });
   return aperture;
 }
 
