@@ -4,6 +4,7 @@
 
 #include <fstream>
 #include <iterator>
+#include <optional>
 #include <string>
 
 namespace cortshift_stereo {
@@ -12,9 +13,8 @@ namespace {
 TEST(SmallMatrices, StayOnOneThread) {
   std::ifstream maps("/proc/self/maps");
   const std::string loaded((std::istreambuf_iterator<char>(maps)), {});
-  if (loaded.find("openblas") == std::string::npos) GTEST_SKIP() << "another LAPACK than OpenBLAS is installed";
-  ASSERT_TRUE(threadsForMatrices());
-  EXPECT_EQ(*threadsForMatrices(), 1);
+  const bool openblas = loaded.find("openblas") != std::string::npos;  // or another LAPACK
+  EXPECT_EQ(threadsForMatrices(), openblas ? std::make_optional(1) : std::nullopt);
 }
 
 }  // namespace

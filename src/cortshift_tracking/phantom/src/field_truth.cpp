@@ -8,6 +8,8 @@
 #include <optional>
 #include <vector>
 
+#include "cortshift_tracking/trust/probability.hpp"
+
 namespace cortshift_tracking_phantom {
 namespace {
 
@@ -15,9 +17,9 @@ using cortshift_stereo_phantom::Material;
 using cortshift_stereo_phantom::PhantomScene;
 using cortshift_stereo_phantom::Side;
 using cortshift_tracking::DisplacementField;
+using cortshift_tracking::kRightWithin;
 
 constexpr double kSampleSpacing = 0.001;  // of the material points that coverage is counted on [m]
-constexpr double kRight = 0.00025;        // error within the plane and in height that `confidence` speaks about [m]
 
 Eigen::Vector3d toEigen(const cv::Vec3f& v) { return {v[0], v[1], v[2]}; }
 
@@ -82,7 +84,7 @@ double coverageOf(const DisplacementField& field, const PhantomScene& scene, int
 
 }  // namespace
 
-bool VectorError::right() const { return !foreign && in_plane <= kRight && height <= kRight; }
+bool VectorError::right() const { return !foreign && in_plane <= kRightWithin && height <= kRightWithin; }
 
 std::optional<VectorError> errorAt(const DisplacementField& field, const PhantomScene& scene, int from, int to, int row,
                                    int column) {

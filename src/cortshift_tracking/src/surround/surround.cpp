@@ -9,15 +9,15 @@
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/surround/rigid_fit.hpp"
 #include "cortshift_tracking/surround/tissue.hpp"
+#include "cortshift_tracking/trust/probability.hpp"
 
 namespace cortshift_tracking {
 namespace {
 
 using cortshift_flow::formatted;
 
-constexpr double kPromised = 0.00025;  // [m] what a reported vector is right to; see confidence
 // A fifth of that changes nothing in what a vector may be used for: a smaller disagreement is none.
-constexpr double kNegligible = kPromised / 5;
+constexpr double kNegligible = kRightWithin / 5;
 constexpr double kLeastArea = 0.0001;     // [m^2] 25 pieces; less is a chip, a screw, a clip
 constexpr double kSignificant = 22.46;    // chi-squared of 6 degrees of freedom at 0.1 %
 constexpr double kWorkingDistance = 0.3;  // [m] of a surgical microscope, where its pose is not known
@@ -99,7 +99,7 @@ std::optional<RigidFit> otherPart(const std::vector<MovedPiece>& pieces, const R
                                   const Matrix6& tracking) {
   std::vector<MovedPiece> rest;
   for (std::size_t i = 0; i < pieces.size(); ++i)
-    if (residualOf(pieces[i], first.transform) >= kPromised) rest.push_back(pieces[i]);
+    if (residualOf(pieces[i], first.transform) >= kRightWithin) rest.push_back(pieces[i]);
   return fitRigid(rest, tracking);
 }
 
@@ -191,7 +191,7 @@ Surround assessSurround(const DisplacementField& field, const PairKnowledge& kno
     surround.warnings.push_back("surround: " + surround.text);
     return surround;
   }
-  if (left_sd > kPromised / 2) {
+  if (left_sd > kRightWithin / 2) {
     refuse(surround,
            "what is seen" + on + formatted(" lies too much on one side: it would leave %.2f mm", 1e3 * left_sd));
     if (surround.size > 3 * left_sd) surround.warnings.push_back("surround: " + surround.text);

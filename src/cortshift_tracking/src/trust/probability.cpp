@@ -66,10 +66,9 @@ cv::Mat probabilityOfMatch(const cv::Mat& flow_confidence, const Agreement& agre
 }
 
 float probabilityOfHeight(const HeightEvidence& evidence) {
-  constexpr float kRight = 0.00025F;  // [m]
   const float deviation = kExpectedTooLittle * std::max(evidence.deviation, kLeast);
   return probabilityOfRight(kHeightConstant + added(cueOf(evidence), kRoughnessWeights)) *
-         std::erf(kRight / (std::sqrt(2.0F) * deviation));
+         std::erf(static_cast<float>(kRightWithin) / (std::sqrt(2.0F) * deviation));
 }
 
 }  // namespace cortshift_tracking

@@ -5,12 +5,13 @@ import types
 
 import pytest
 import rospy
-from cortshift_msgs.msg import StageInfo
+from cortshift_msgs.msg import ShiftSummary, StageInfo
 from cortshift_msgs.srv import ListStagesResponse
 from cortshift_tracking.console import desk
 from cortshift_tracking.console.graph_state import SILENCE, GraphState
 from cortshift_tracking.console.terminal import tracker_words
 from cortshift_tracking.console.worker import DeskError, Worker
+from cortshift_tracking.summary_text import summary_lines
 from cortshift_tracking.tracker_state import TRACKER_STATE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
@@ -135,3 +136,10 @@ def test_a_graph_in_a_namespace_knows_its_own_nodes():
         each.keep(message)
     assert graph.tracker().live_from == 'a' and other.tracker().live is None
     assert 'nothing is heard of shift_tracker' in other.warnings() and 'nothing is heard of shift_tracker' not in graph.warnings()
+
+
+def test_a_live_field_says_how_late_it_is():
+    numbers = {f'{name}_{kind}': 0.002 for name in ('magnitude', 'gravity', 'normal', 'lateral') for kind in ('mean', 'sd')}
+    live, asked = (ShiftSummary(latency=latency, **numbers) for latency in (0.184, float('nan')))
+    assert ('after the exposure by', '0.18 s') in summary_lines(live)
+    assert 'after the exposure by' not in dict(summary_lines(asked))

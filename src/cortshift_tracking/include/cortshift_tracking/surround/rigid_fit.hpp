@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "cortshift_tracking/surround/pose_uncertainty.hpp"
+#include "cortshift_tracking/trust/probability.hpp"
 
 namespace cortshift_tracking {
 
@@ -25,8 +26,9 @@ struct RigidFit {
 };
 
 struct RigidFitSettings {
-  double agreement = 0.00025;  ///< pieces off by more do not share the motion [m]: what a reported vector is right to
-  double hold = 9;             ///< pieces whose errors hang together: a measured piece counts as 1 / hold
+  double agreement =
+      kRightWithin;  ///< pieces off by more do not share the motion [m]: what a reported vector is right to
+  double hold = 9;   ///< pieces whose errors hang together: a measured piece counts as 1 / hold
 };
 
 /// By consensus of triples (the same ones each time), then by least squares with Tukey's weights together with what is

@@ -9,6 +9,10 @@
 
 namespace cortshift_tracking {
 
+/// What a right vector is off by at most [m], within the plane of the projection and in height: what `confidence` is
+/// the probability of.
+constexpr double kRightWithin = 0.00025;
+
 /// Evidence about one vector of a flow.
 struct MatchEvidence {
   float flow_error = 0;   ///< the flow's own predicted error [m]

@@ -18,7 +18,7 @@ struct VectorError {
   double in_plane = 0;   ///< its part in the plane of the projection [m]
   double height = 0;     ///< and the one along its normal [m], 0 or more
 
-  /// As the confidence means it: not foreign, in_plane and height at most 0.25 mm.
+  /// As the confidence means it: not foreign, in_plane and height at most kRightWithin.
   bool right() const;
 };
 
