@@ -55,6 +55,9 @@ ROOMS = {
 # Rooms that may see ROS; all others are core.
 BORDER = {'stereo/ros', 'stereo/nodes', 'tracking/ros', 'tracking/nodes', 'tracking/case', 'tracking/offline'}
 
+# Of these, the rooms that know messages and bags as a format of files alone.
+FILES_ONLY = {'tracking/case', 'tracking/offline'}
+
 PYTHON_ROOMS = {
     'top': set(),
     'case': {'top', 'probe'},
@@ -78,6 +81,7 @@ RULES = {
     'rooms include what they may know': lambda root: house.broken_rooms(root, ROOMS),
     'Python rooms import what they may know': lambda root: house.broken_python_rooms(root, PYTHON_ROOMS),
     'cores see no ROS header': lambda root: house.ros_in_cores(root, BORDER),
+    'rooms of files have no log': lambda root: house.logs_of_files(root, FILES_ONLY),
     'files have one job': lambda root: house.long_files(root, LONG),
     'folders can be overlooked': house.full_folders,
     'tests have one name': house.misnamed_tests,
@@ -147,6 +151,7 @@ def test_a_project_in_order_breaks_nothing(small):
      'from cortshift_tracking.console import page\n'),
     ('cores see no ROS header', 'src/cortshift_tracking/src/trust/c.cpp', '#include <sensor_msgs/Image.h>\n'),
     ('cores see no ROS header', 'src/cortshift_tracking/src/trust/c.cpp', '#include "cortshift_tracking/ros/b.hpp"\n'),
+    ('rooms of files have no log', 'src/cortshift_tracking/src/case/c.cpp', '#include <ros/console.h>\n'),
     ('files have one job', 'src/cortshift_tracking/src/field/long.cpp', '\n' * 401),
     ('files have one job', 'script/long', '#!/usr/bin/python3\n' + '\n' * 400),
     ('tests have one name', 'src/cortshift_tracking/test/field/check_a.cpp', 'TEST(A, Holds) {}\n'),

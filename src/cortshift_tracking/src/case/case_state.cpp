@@ -1,6 +1,5 @@
 #include "cortshift_tracking/case/case_state.hpp"
 
-#include <ros/console.h>
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
@@ -61,14 +60,7 @@ std::optional<Eigen::Vector3d> unitVector(const Eigen::Vector3d& direction) {
 }
 
 CaseState::CaseState(const std::filesystem::path& folder, const Configured& configured)
-    : folder_(folder), path_(folder / kCaseStateFile), configured_(configured) {
-  try {
-    const auto known = gravity();
-    if (known) ROS_INFO_STREAM("gravity is known: " << known->source);
-  } catch (const UnreadableFile& error) {
-    ROS_ERROR_STREAM("gravity, excluded regions and outlines of the case are not known: " << error.what());
-  }
-}
+    : folder_(folder), path_(folder / kCaseStateFile), configured_(configured) {}
 
 std::optional<Gravity> CaseState::gravity() const {
   const std::lock_guard<std::mutex> guard(mutex_);
@@ -203,7 +195,6 @@ CaseState::Content& CaseState::content() const {
   } catch (const TrackingError&) {  // a read-only folder: naming the file is all that can be done
   }
   set_aside_ += "; give gravity and excluded regions again, and outlines that were drawn";
-  ROS_ERROR_STREAM(set_aside_);
   return content_.emplace();
 }
 

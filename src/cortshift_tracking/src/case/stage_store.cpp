@@ -1,7 +1,6 @@
 #include "cortshift_tracking/case/stage_store.hpp"
 
 #include <fcntl.h>
-#include <ros/console.h>
 #include <sys/file.h>
 #include <unistd.h>
 
@@ -69,8 +68,8 @@ StageStore::~StageStore() {
 void StageStore::lockFolder() {
   lock_ = ::open((folder_ / kLockName).c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   if (lock_ < 0) {  // a case on a read-only medium can still be looked at
-    ROS_WARN_STREAM("case folder " << folder_ << " cannot be written (" << std::strerror(errno)
-                                   << "): its stages can be used but none can be captured");
+    warnings_.push_back("it cannot be written (" + std::string(std::strerror(errno)) +
+                        "): its stages can be used but none can be captured");
     return;
   }
   if (::flock(lock_, LOCK_EX | LOCK_NB) == 0) return;
@@ -105,7 +104,8 @@ void StageStore::scan() {
       const std::string name = path.stem().string();
       if (!std::regex_match(name, parts, kStageName)) continue;
       std::error_code ignored;  // a capture that was never acknowledged
-      if (fs::remove(path, ignored)) ROS_WARN_STREAM("removed " << path << ", left by a capture that was interrupted");
+      if (fs::remove(path, ignored))
+        warnings_.push_back("removed " + path.filename().string() + ", left by a capture that was interrupted");
       continue;
     }
     try {
@@ -125,7 +125,6 @@ void StageStore::scan() {
       const std::string name = path.filename().string();
       std::regex_match(name, parts, kStageName);
       entries_.push_back({path, unreadableInfo(parts[2].str(), error.what()), error.what()});
-      ROS_ERROR_STREAM("case folder: stage '" << parts[2].str() << "' stays but cannot be used: " << error.what());
     } catch (const std::exception& error) {
       putAside(path, error.what());
     }
@@ -139,8 +138,7 @@ void StageStore::putAside(const fs::path& path, const std::string& reason) {
   } catch (const std::exception&) {
     // A read-only folder: naming the file is all that can be done.
   }
-  set_aside_.push_back(path.filename().string() + ": " + reason);
-  ROS_ERROR_STREAM("case folder: " << path.filename() << " is not a stage: " << reason << "; " << where);
+  set_aside_.push_back(path.filename().string() + ": " + reason + "; " + where);
 }
 
 std::vector<cortshift_msgs::StageInfo> StageStore::list() const {

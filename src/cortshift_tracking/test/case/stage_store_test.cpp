@@ -144,11 +144,16 @@ TEST_F(StageStoreTest, DamagedAndForeignBagsAreSetAsideAndNamed) {
   for (const std::string& line : store.setAside()) all += line + "\n";
   EXPECT_NE(all.find(files[1].filename().string() + ": its content does not have the checksum"), std::string::npos);
   EXPECT_NE(all.find(files[2].filename().string()), std::string::npos);
-  EXPECT_NE(all.find("recording.bag: its name is not that of a stage"), std::string::npos);
+  EXPECT_NE(
+      all.find("recording.bag: its name is not that of a stage; it is set aside as " + (folder / "set_aside").string()),
+      std::string::npos)
+      << all;
   EXPECT_NE(all.find("is that of"), std::string::npos);
   EXPECT_EQ(std::distance(fs::directory_iterator(folder / "set_aside"), {}), 4);
   EXPECT_TRUE(fs::exists(folder / "probe_points.json"));
   EXPECT_FALSE(fs::exists(folder / "0010_half_00000000.bag.partial"));
+  EXPECT_EQ(store.warnings(),
+            std::vector<std::string>{"removed 0010_half_00000000.bag.partial, left by a capture that was interrupted"});
   store.add(sampleStage("flipped"));  // the key is free again
 }
 

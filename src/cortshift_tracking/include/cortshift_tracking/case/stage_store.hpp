@@ -69,7 +69,10 @@ class StageStore {
 
   const std::filesystem::path& folder() const { return folder_; }
 
-  /// Files that were not taken for stages, each with the reason.
+  /// What a person should know of the folder as it was found: that it cannot be written, what was left half written.
+  const std::vector<std::string>& warnings() const { return warnings_; }
+
+  /// Files that were not taken for stages, each with the reason and where it is now.
   const std::vector<std::string>& setAside() const { return set_aside_; }
 
   /// Stages that cannot be read, each with the reason.
@@ -91,7 +94,7 @@ class StageStore {
   int lock_ = -1;
   mutable std::mutex mutex_;
   mutable std::vector<Entry> entries_;  // what is known of an unreadable stage is completed when it is read
-  std::vector<std::string> set_aside_;
+  std::vector<std::string> warnings_, set_aside_;
   unsigned last_number_ = 0;
 };
 

@@ -28,6 +28,15 @@ OpenCase::OpenCase(const ShiftTrackerParameters& parameters)
     : store(caseFolder(parameters)), state(store.folder(), {parameters.gravity_pmr, configuredRegions(parameters)}) {
   ROS_INFO_STREAM("case folder " << store.folder() << ", " << store.list().size()
                                  << " stages; to go on with this case later set case_folder to it");
+  for (const std::string& line : store.warnings()) ROS_WARN_STREAM("case folder: " << line);
+  for (const std::string& line : store.setAside()) ROS_ERROR_STREAM("case folder: not a stage: " << line);
+  for (const std::string& line : store.unreadable())
+    ROS_ERROR_STREAM("case folder: a stage stays but cannot be used: " << line);
+  const std::string trouble = state.trouble();
+  if (!trouble.empty())
+    ROS_ERROR_STREAM("gravity, excluded regions and outlines of the case are not known: " << trouble);
+  else if (const auto gravity = state.gravity())
+    ROS_INFO_STREAM("gravity is known: " << gravity->source);
 }
 
 Directions OpenCase::directions() {

@@ -211,6 +211,13 @@ def ros_in_cores(root, bordering):
     return found
 
 
+def logs_of_files(root, rooms):
+    """Files of the `rooms` that know messages and bags as a format alone, which speak to a node's log by themselves."""
+    return [f'{path.name} of {room} includes {name}: return what is to be said, the node says it'
+            for path, (_, other) in cpp_graph(root).items() if (room := room_of(root, path)) in rooms
+            for name in sorted(other) if name in ('ros/console.h', 'ros/ros.h', 'ros/node_handle.h')]
+
+
 # ---- sizes ---------------------------------------------------------------------------------------------------------------
 
 def long_files(root, excused):
