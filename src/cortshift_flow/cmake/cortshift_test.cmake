@@ -6,7 +6,8 @@
 #          pytest: FILES are Python; ENVIRONMENT is set for them.
 #          rostest: FILES are a launch file and, for a test in C++, the sources of the executable NAME.
 # LABEL    quick: no graph, a few seconds; graph: needs a ROS master; long: no graph, but slow.
-# SECONDS  after which the test and all that it started are killed: far above what it takes, since others may load the machine.
+# SECONDS  after which the test and all that it started are killed: far above what it takes, since others may load the machine. The
+#          variable CORTSHIFT_TEST_PATIENCE multiplies it, for builds that are slow.
 # DEPENDS  what must be built first.
 # WAITS    of a graph: it takes less than half a core, since it waits (for a recording that plays, a peer that is silent). Of the
 #          other graphs, whose nodes share the cores, one runs at a time; this one runs beside them.
@@ -62,6 +63,9 @@ function(cortshift_test name kind label seconds)
   endif()
   if(ARG_DEPENDS)
     add_dependencies(${built} ${ARG_DEPENDS})
+  endif()
+  if(CORTSHIFT_TEST_PATIENCE)
+    math(EXPR seconds "${seconds} * ${CORTSHIFT_TEST_PATIENCE}")
   endif()
   set_tests_properties(${entry} PROPERTIES LABELS ${label} TIMEOUT ${seconds})
   # The graphs that run one at a time come first, so that nobody waits for them at the end; what is short fills the gaps.

@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <fstream>
 #include <random>
 #include <set>
@@ -229,7 +230,11 @@ TEST_F(StageStoreTest, AReadOnlyFolderCanBeReadAndRefusesCaptures) {
 
 TEST_F(StageStoreTest, SurvivesKillAtRandomInstants) {
   std::mt19937 random(20140101);
-  std::uniform_int_distribution<int> microseconds(0, 25000);
+  // Kills fall into the first few captures, however long this machine and this build take for one.
+  const auto began = std::chrono::steady_clock::now();
+  StageStore(folder / "timed").add(sampleStage("one"));
+  const std::chrono::duration<double, std::micro> one = std::chrono::steady_clock::now() - began;
+  std::uniform_int_distribution<int> microseconds(0, static_cast<int>(4 * one.count()));
   std::set<std::string> acknowledged;
   std::size_t interrupted = 0;
   for (int round = 0; round < 200; ++round) {

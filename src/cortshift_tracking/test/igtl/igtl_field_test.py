@@ -13,7 +13,7 @@ import rospy
 import rostest
 import vtk
 from cortshift_msgs.msg import UpdatedMr
-from cortshift_tracking.model.message import updated_mr_message
+from cortshift_tracking.model.node import updated_mr_message
 from cortshift_tracking.model.structures import Structure, border_of_label
 from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume

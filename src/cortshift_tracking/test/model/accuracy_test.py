@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 TRUTH = pathlib.Path(__file__).resolve().parents[1] / 'data' / 'head_truth.npz'
 NOISE = 0.0002     # standard deviation of each component of a vector's error [m], independent
 COMMON = 0.0002    # and what moves all vectors together
+DRAWS = (7, 17, 27)   # of both, that a case is judged on
 DOWN = -head.OUTWARD
 
 
@@ -54,10 +55,10 @@ def model():
     return prepare_model(mr, brain, head.CRANIOTOMY, points[np.isfinite(points[..., 0])], labels, ModelSettings(elements=20000, samples=40))
 
 
-def measured(truth, name):
+def measured(truth, name, draw=DRAWS[0]):
     points, _ = head.surface_grid(step=0.001)
     start = points[np.isfinite(points[..., 0])]
-    random = np.random.default_rng(7)
+    random = np.random.default_rng(draw)
     moved = truth.at(start, name) + random.normal(0, NOISE, start.shape) + random.normal(0, COMMON, 3)
     return start, moved, np.full(len(start), np.sqrt(3 * (NOISE ** 2 + COMMON ** 2)))
 
@@ -94,9 +95,9 @@ def spline(start, moved, points):
     return RBFInterpolator(np.concatenate([start[::11], far]), np.concatenate([moved[::11], 0 * far]), smoothing=1e-7)(points)
 
 
-def residuals(truth, model, name, missing=0.0):
+def residuals(truth, model, name, missing=0.0, draw=DRAWS[0]):
     """missing: share of the surface, on one side, that shows nothing."""
-    start, moved, sd = measured(truth, name)
+    start, moved, sd = measured(truth, name, draw)
     aside = (start - head.CRANIOTOMY) @ [1.0, 0.3, -0.4]
     seen = aside <= np.quantile(aside, 1 - missing)
     start, moved, sd = start[seen], moved[seen], sd[seen]
@@ -105,23 +106,29 @@ def residuals(truth, model, name, missing=0.0):
     return result, start, moved
 
 
-#: Least share of the motion of the tumour's border that is taken out, and largest error / standard deviation. Below a bulge 80 % and 1.5 are
-#: not reached, and the update says that it is less sure.
-BARS = {'sag': (0.8, 1.5), 'resection': (0.8, 1.5), 'bulge': (0.3, 1.8)}
+#: Least share of the motion of the tumour's border that is taken out, and largest error / standard deviation. Below a bulge 80 % is not
+#: reached, and the update says that it is less sure.
+BARS = {'sag': (0.8, 1.5), 'resection': (0.8, 1.5), 'bulge': (0.4, 1.5)}
 CASES = tuple(BARS)   # what head_truth.npz holds
 
 
 @pytest.mark.parametrize('name', CASES)
 def test_motion_at_depth_is_taken_out(truth, model, name):
-    result, start, moved = residuals(truth, model, name)
     tumour, deep = border_of_tumour(name), at_depth(truth, name)
     true, true_deep = truth.at(tumour, name), truth.at(deep, name)
-    found, _ = moved_by(model, result, tumour)
-    found_deep, sd = moved_by(model, result, deep)
-    taken_out = np.median(1 - np.linalg.norm(found - true, axis=1) / np.linalg.norm(true, axis=1))
-    error = np.linalg.norm(found_deep - true_deep, axis=1)
-    others = {'spline': np.linalg.norm(spline(start, moved, deep) - true_deep, axis=1),
-              'surface shift for all': np.linalg.norm(moved.mean(0) - true_deep, axis=1)}
+    taken_out, error, sd, others = [], [], [], {'spline': [], 'surface shift for all': []}
+    for draw in DRAWS:
+        result, start, moved = residuals(truth, model, name, draw=draw)
+        found, _ = moved_by(model, result, tumour)
+        found_deep, sd_deep = moved_by(model, result, deep)
+        taken_out.append(np.median(1 - np.linalg.norm(found - true, axis=1) / np.linalg.norm(true, axis=1)))
+        error.append(np.linalg.norm(found_deep - true_deep, axis=1))
+        sd.append(sd_deep)
+        others['spline'].append(np.linalg.norm(spline(start, moved, deep) - true_deep, axis=1))
+        others['surface shift for all'].append(np.linalg.norm(moved.mean(0) - true_deep, axis=1))
+    print('taken out: ' + ', '.join(f'{share:.1%}' for share in taken_out))
+    taken_out, error, sd = np.mean(taken_out), np.concatenate(error), np.concatenate(sd)
+    others = {other: np.concatenate(errors) for other, errors in others.items()}
     ratio = np.sqrt((error ** 2).mean() / (sd ** 2).mean())
     print(f'{name}: true {np.median(np.linalg.norm(true, axis=1)) * 1000:.2f} mm at the border of the tumour, taken out {taken_out:.0%}; at depth '
           f'{np.median(error) * 1000:.2f} / {np.percentile(error, 95) * 1000:.2f} mm, error / sd {ratio:.2f}; '

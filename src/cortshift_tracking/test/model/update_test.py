@@ -3,6 +3,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import model_head as head
@@ -15,7 +16,9 @@ from cortshift_tracking.model.brain import ModelError, load_model, save_model
 from cortshift_tracking.model.case_update import located, update_case, write_update
 from cortshift_tracking.model.mesh import quality
 from cortshift_tracking.model.prepare import ModelSettings, check_mask, prepare_model
-from cortshift_tracking.model.update import bin_field, update
+from cortshift_tracking.model.loads import loads_of
+from cortshift_tracking.model.system import Condensed, System, rows_of
+from cortshift_tracking.model.update import UpdateSettings, bin_field, update
 from cortshift_tracking.model.warp import warps_of
 from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
@@ -117,13 +120,68 @@ def test_resected_tissue_is_out(made):
     assert not known[0]
 
 
+@pytest.fixture(scope='module')
+def with_falx():
+    mr, brain, tumour = head.volumes()
+    points, _ = head.surface_grid()
+    grid = np.stack(np.meshgrid(*[np.arange(n) for n in mr.data.shape], indexing='ij'), -1)
+    places = mr.to_pmr(grid)
+
+    def label(name, inside):
+        return Volume(inside.astype(np.float32), mr.T_pmr_voxel, 'RAS', name)
+    labels = {'tumour': tumour, 'falx': label('falx', head.inside('falx', places)), 'ventricles': label('ventricles', head.inside('ventricles', places))}
+    around = (np.linalg.norm(places - head.TUMOUR, axis=-1) < 0.03) & ~np.any([l.data > 0.5 for l in labels.values()], 0)
+    labels['oedema'] = label('oedema', around)
+    return prepare_model(mr, brain, head.CRANIOTOMY, points[np.isfinite(points[..., 0])], labels, SETTINGS)
+
+
+@pytest.mark.parametrize('bulges', [True, False])
+def test_a_load_that_explains_all_vectors_is_found_whole(with_falx, bulges):
+    """What the skull does to a load is mechanics: it does not make the load less likely."""
+    model, kept = with_falx, np.ones(len(with_falx.tissue), bool)
+    points, _ = head.surface_grid(step=0.001)
+    start = points[np.isfinite(points[..., 0])]
+    loads = loads_of(model, DOWN, bulges, kept)
+    true = np.array([0.0, 0.25]) if bulges else np.array([1.5, 1.0, 0.5, 0.0])
+    pulls = bin_field(model, start, np.zeros_like(start), np.full(len(start), 0.0002))
+    known = Condensed(model, loads.forces, ~kept, UpdateSettings(), np.zeros(0, int))
+    system = System(known, rows_of(known, model, pulls, np.ones(len(pulls.triangle), bool)), pulls.displacement.ravel(), np.full(3 * len(pulls.sd), 1e3), loads)
+    system.fixed[:] = true
+    theta, force = system.solution(0.001)
+    moved = known.columns @ theta + known.everywhere(force[:, None])[:, 0]
+    nodes = model.mesh.border[pulls.triangle]
+    surface = (pulls.weights[..., None] * moved.reshape(-1, 3)[nodes]).sum(1)
+    found = update(model, type(pulls)(pulls.triangle, pulls.weights, surface, pulls.sd), DOWN)
+    error = np.linalg.norm(found.displacement - moved.reshape(-1, 3), axis=1)
+    assert np.median(error) < 0.1 * np.median(np.linalg.norm(surface, axis=1))
+    if bulges:
+        assert found.swelling == pytest.approx(0.25, rel=0.15)
+    else:
+        assert found.drained == pytest.approx(0.75, rel=0.5)   # how deep it has drained shows little at the surface
+
+
+def test_dura_and_fluid_do_not_swell(with_falx):
+    names = np.array(with_falx.tissues)[with_falx.tissue]
+    for name in ('falx', 'ventricles'):
+        alone = loads_of(with_falx, None, True, names == name)
+        assert not alone.forces.any(), name
+
+
+def test_what_swells_is_the_oedema_that_is_known_or_what_is_near_the_tumour(with_falx):
+    kept = np.ones(len(with_falx.tissue), bool)
+    assert loads_of(with_falx, None, True, kept).swells == 'the tissue of the label "oedema"'
+    without = replace(with_falx, tissues=tuple('brain' if name == 'oedema' else name for name in with_falx.tissues))
+    assert loads_of(without, None, True, kept).swells == 'the tissue around the tumour'
+    nothing = replace(with_falx, tissues=tuple('brain' if name in ('oedema', 'tumour') else name for name in with_falx.tissues))
+    assert loads_of(nothing, None, True, kept).swells == 'the tissue near the craniotomy'
+
+
 def test_woodbury_is_the_model_without_those_elements(made):
     """The same vectors and loads in a model that never had them."""
     from cortshift_tracking.model.elasticity import stiffness
-    from cortshift_tracking.model.update import UpdateSettings, _Condensed
     model = made[0]
     resected = model.tissue == 1
-    known = _Condensed(model, [], None, resected, UpdateSettings(), np.zeros(0, int))
+    known = Condensed(model, np.zeros((3 * len(model.mesh.nodes), 1)), resected, UpdateSettings(), np.zeros(0, int))
     force = np.zeros((len(known.compliance), 1))
     force[2] = 1e-3
     found = known.everywhere(force)[:, 0]

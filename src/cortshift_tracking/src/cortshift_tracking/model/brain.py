@@ -15,7 +15,7 @@ from cortshift_tracking.model.factor import Factor
 from cortshift_tracking.model.mesh import Mesh
 from cortshift_tracking.mr.volume import Volume
 
-FORMAT = 1   # of the file
+FORMAT = 2   # of the file
 CANDIDATES = 24   # tetrahedra around a point that are asked whether they hold it
 
 
@@ -29,7 +29,6 @@ class BrainModel:
 
     zone (Z,): nodes whose three unknowns are kept each: the border at the craniotomy, and the tumour. patches (N, P) sparse matrix of
     the border that the skull holds: shares of the outward normal displacement, (3N, P). compliance (3Z + P, 3Z + P) [m/N]: of them all.
-    loads: name to displacement (3N,) of a unit load: gravity_x ... _z (all buoyancy drained), swelling (volume strain of 1).
     samples (3N, S): draws of a displacement whose covariance is the inverse stiffness [m / sqrt(J)].
     craniotomy (3,): its middle. provenance: JSON. labels: name to Volume of 0 and 1, as they were given.
     """
@@ -40,7 +39,6 @@ class BrainModel:
     zone: np.ndarray
     patches: object
     compliance: np.ndarray
-    loads: dict
     samples: np.ndarray
     factor: Factor
     craniotomy: np.ndarray
@@ -87,7 +85,6 @@ def save_model(model, path):
               'tissue': model.tissue, 'lame': model.lame, 'zone': model.zone, 'patch_row': patches.row, 'patch_column': patches.col,
               'patch_value': patches.data, 'patch_shape': np.array(patches.shape), 'compliance': model.compliance,
               'samples': model.samples.astype(np.float32), 'craniotomy': model.craniotomy, **model.factor.arrays()}
-    arrays.update({f'load_{name}': load for name, load in model.loads.items()})
     for name, label in model.labels.items():
         arrays[f'label_{name}'] = np.packbits(label.data > 0.5)
         arrays[f'affine_{name}'] = label.T_pmr_voxel
@@ -110,8 +107,7 @@ def load_model(path):
                                arrays[f'affine_{name}'], axes, source) for name, (shape, axes, source) in about.pop('labels').items()}
         patches = csc_matrix((arrays['patch_value'], (arrays['patch_row'], arrays['patch_column'])), tuple(arrays['patch_shape']))
         return BrainModel(Mesh(arrays['nodes'], arrays['tetrahedra'], arrays['border']), arrays['tissue'], tissues, arrays['lame'],
-                          arrays['zone'], patches, arrays['compliance'],
-                          {name[5:]: load for name, load in arrays.items() if name.startswith('load_')}, arrays['samples'],
+                          arrays['zone'], patches, arrays['compliance'], arrays['samples'],
                           Factor.from_arrays(arrays), arrays['craniotomy'], about, labels)
     except FileNotFoundError as error:
         raise ModelError(f'{path}: no such file; make it with prepare_model') from error

@@ -5,18 +5,18 @@ import time
 
 import numpy as np
 import rospy
-from cortshift_msgs.msg import DisplacementField, UpdatedMr
+from cortshift_msgs.msg import DisplacementField, MovedLabel, UpdatedMr
 from cortshift_msgs.srv import ListStages, Locate, LocateResponse, UpdateModel, UpdateModelResponse
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, PointCloud2, PointField
+from std_msgs.msg import Header
 
 from cortshift_tracking.case.folder import gravity_of, read_stage
 from cortshift_tracking.case.messages import MR_KEY, field_from_message
 from cortshift_tracking.errors import CortshiftError
 from cortshift_tracking.model.brain import ModelError, load_model
 from cortshift_tracking.model.case_update import check_mr, located, overlay_of, update_case, write_update
-from cortshift_tracking.model.message import updated_mr_message
 from cortshift_tracking.mr.admission import MrSource, admit_mr
 from cortshift_tracking.parameters import ParameterError, read_parameters
 from cortshift_tracking.probe.store import read_points
@@ -27,7 +27,25 @@ PARAMETERS = {
     'gravity': [0.0, 0.0, 0.0],      # direction in pmr where the probe has not digitised it; zeros: not known
 }
 
+BORDER_FIELDS = ('x', 'y', 'z', 'dx', 'dy', 'dz')   # of a moved label's border
 FIELD_ARRIVES = 3.0   # s: a field may be under way when its compute_shift has answered
+
+
+def updated_mr_message(mr, structures, field):
+    """cortshift_msgs/UpdatedMr of the updated MR (Volume) and its Structures, by a Field."""
+    header = Header(stamp=rospy.Time.from_sec(field.to_stamp), frame_id='pmr')
+    message = UpdatedMr(header=header, from_key=field.from_key, to_key=field.to_key, T_pmr_voxel=np.ravel(mr.T_pmr_voxel).tolist())
+    columns, rows, _ = mr.data.shape
+    for values in np.moveaxis(mr.data, 2, 0):
+        message.slices.append(Image(header=header, height=rows, width=columns, encoding='32FC1', step=4 * columns,
+                                    data=np.ascontiguousarray(values.T, '<f4').tobytes()))
+    for structure in structures:
+        data = np.concatenate([structure.was, structure.now - structure.was], 1).astype('<f4')
+        cloud = PointCloud2(header=header, height=1, width=len(data), point_step=4 * len(BORDER_FIELDS), row_step=4 * len(BORDER_FIELDS) * len(data),
+                            data=data.tobytes(), is_dense=True)
+        cloud.fields = [PointField(name, 4 * n, PointField.FLOAT32, 1) for n, name in enumerate(BORDER_FIELDS)]
+        message.labels.append(MovedLabel(name=structure.name, border=cloud, quads=structure.quads.ravel().tolist()))
+    return message
 
 
 class BrainModelNode:

@@ -8,7 +8,7 @@ from scipy.sparse import coo_matrix, csc_matrix, diags, hstack
 from scipy.spatial import cKDTree
 
 from cortshift_tracking.model.brain import BrainModel, ModelError, identity_of
-from cortshift_tracking.model.elasticity import DENSITY, GRAVITY, MATERIALS, random_forces, stiffness, swelling, weights_of_nodes
+from cortshift_tracking.model.elasticity import MATERIALS, random_forces, stiffness, weights_of_nodes
 from cortshift_tracking.model.factor import factorise
 from cortshift_tracking.model.mesh import brain_mesh, distance_to
 from cortshift_tracking.mr.volume import AXES_FROM_RAS
@@ -23,8 +23,8 @@ class ModelSettings:
     margin: float = 0.008         # around the surface that may be exposed
     patch: float = 0.011          # spacing of the patches by which the skull holds the brain
     stem: float = 0.012           # height of the lowest part, the brain stem, that stays where it is
-    stem_spring: float = 3e6      # that holds it [N/m^3 of its tissue], a metre of displacement: a tenth of a millimetre at most
-    rest: float = 100.0           # of springs on all border nodes that keep a brain from turning freely [N/m^3 of border area and metre]
+    stem_spring: float = 3e9      # that holds it [N/m of each m^3 of its tissue]: it moves a tenth of a millimetre at most
+    rest: float = 1e5             # of springs at the skull, where vessels and arachnoid tether a brain [N/m of each m^2]: as 3 cm of its tissue
     samples: int = 40
     coarsest: float = 0.012       # what the model does not know is drawn no finer than this: the distance over which a lobe's tissue is alike
     least_part: float = 0.02      # of a mask's voxels: a second part this large is no speck
@@ -99,12 +99,12 @@ def prepare_model(volume, mask, craniotomy, exposed=None, labels=None, settings=
     height = mesh.nodes @ down
     matrix = stiffness(mesh.nodes, mesh.tetrahedra, lame)
     weight = weights_of_nodes(mesh.nodes, mesh.tetrahedra)
-    held = settings.stem_spring * weight * (height > height.max() - settings.stem) * 1e3
-    held[border] += settings.rest * 1e3 * np.linalg.norm(mesh.node_normals()[border], axis=1)
+    zone, skull = _zone(mesh, border, craniotomy, exposed, tissue, names, settings)
+    held = settings.stem_spring * weight * (height > height.max() - settings.stem)
+    held[skull] += settings.rest * np.linalg.norm(mesh.node_normals()[skull], axis=1)
     matrix = (matrix + diags(np.repeat(held, 3))).tocsr()
     progress(0.3, 'factor')
     factor = factorise(matrix, mesh.nodes)
-    zone, skull = _zone(mesh, border, craniotomy, exposed, tissue, names, settings)
     patches, _ = patches_of(mesh, skull, settings.patch)
     units = coo_matrix((np.ones(3 * len(zone)), ((3 * zone[:, None] + np.arange(3)).ravel(), np.arange(3 * len(zone)))),
                        (3 * len(mesh.nodes), 3 * len(zone))).tocsc()
@@ -114,14 +114,7 @@ def prepare_model(volume, mask, craniotomy, exposed=None, labels=None, settings=
         progress(0.5 + 0.4 * first / kept.shape[1], 'compliance')
         compliance[:, first:first + 128] = kept.T @ factor.solve(kept[:, first:first + 128].toarray())
     compliance = (compliance + compliance.T) / 2
-    progress(0.9, 'loads')
-    loads = {}
-    for n, axis in enumerate('xyz'):
-        force = np.zeros((len(mesh.nodes), 3))
-        force[:, n] = DENSITY * GRAVITY * weight
-        loads[f'gravity_{axis}'] = factor.solve(force.ravel())
-    soft = tissue == names.index('ventricles') if 'ventricles' in names else np.zeros(len(tissue), bool)
-    loads['swelling'] = factor.solve(swelling(mesh.nodes, mesh.tetrahedra, lame, np.where(soft, 0.0, 1.0)))
+    progress(0.9, 'samples')
     random = np.random.default_rng(settings.seed)
     noise = random_forces(mesh.nodes, mesh.tetrahedra, lame, settings.samples, random, settings.coarsest)
     noise += np.sqrt(np.repeat(held, 3))[:, None] * random.standard_normal(noise.shape)
@@ -129,7 +122,7 @@ def prepare_model(volume, mask, craniotomy, exposed=None, labels=None, settings=
     about = {'mr': identity_of(volume), 'mr_source': volume.source, 'axes': volume.axes, 'elements': len(tissue),
              'nodes': len(mesh.nodes), 'seconds': time.monotonic() - began, **(provenance or {})}
     progress(1.0, 'done')
-    return BrainModel(mesh, tissue, names, lame, zone, csc_matrix(patches), compliance, loads, samples, factor, craniotomy, about, dict(labels or {}))
+    return BrainModel(mesh, tissue, names, lame, zone, csc_matrix(patches), compliance, samples, factor, craniotomy, about, dict(labels or {}))
 
 
 def _zone(mesh, border, craniotomy, exposed, tissue, names, settings):

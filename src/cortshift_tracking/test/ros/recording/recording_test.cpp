@@ -62,7 +62,8 @@ std::vector<std::string> saidAt(const HeldMessages& held) {
       out.push_back(message.topic + " " + message.message->instantiate<std_msgs::String>()->data);
       continue;
     }
-    for (const auto& edge : message.message->instantiate<tf2_msgs::TFMessage>()->transforms)
+    const auto edges = message.message->instantiate<tf2_msgs::TFMessage>();
+    for (const auto& edge : edges->transforms)
       out.push_back(message.said("callerid") + " " + edge.child_frame_id + " " +
                     std::to_string(static_cast<int>(edge.transform.translation.x)));
   }
