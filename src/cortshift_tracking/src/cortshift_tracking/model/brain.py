@@ -27,7 +27,7 @@ class ModelError(CortshiftError):
 class BrainModel:
     """mesh; tissue (T,): index into tissues; lame (T, 2) [Pa].
 
-    zone (Z,): nodes whose three unknowns are kept each: the border at the craniotomy, and the tumour. patches (N, P) sparse matrix of
+    zone (Z,): nodes whose three unknowns are kept each: the border at the craniotomy, and the tumour. patches: sparse matrix of
     the border that the skull holds: shares of the outward normal displacement, (3N, P). compliance (3Z + P, 3Z + P) [m/N]: of them all.
     samples (3N, S): draws of a displacement whose covariance is the inverse stiffness [m / sqrt(J)].
     craniotomy (3,): its middle. provenance: JSON. labels: name to Volume of 0 and 1, as they were given.

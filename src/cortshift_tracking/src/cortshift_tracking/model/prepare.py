@@ -70,7 +70,7 @@ def patches_of(mesh, held, spacing):
     total = np.bincount(cell, area[held])
     share = normal[held] / np.maximum(total[cell], 1e-30)[:, None]
     rows = (3 * held[:, None] + np.arange(3)).ravel()
-    return coo_matrix((share.ravel(), (rows, np.repeat(cell, 3))), (3 * len(mesh.nodes), cell.max() + 1)).tocsc(), total
+    return coo_matrix((share.ravel(), (rows, np.repeat(cell, 3))), (3 * len(mesh.nodes), cell.max() + 1)).tocsc()
 
 
 def prepare_model(volume, mask, craniotomy, exposed=None, labels=None, settings=ModelSettings(), progress=lambda share, what: None,
@@ -105,7 +105,7 @@ def prepare_model(volume, mask, craniotomy, exposed=None, labels=None, settings=
     matrix = (matrix + diags(np.repeat(held, 3))).tocsr()
     progress(0.3, 'factor')
     factor = factorise(matrix, mesh.nodes)
-    patches, _ = patches_of(mesh, skull, settings.patch)
+    patches = patches_of(mesh, skull, settings.patch)
     units = coo_matrix((np.ones(3 * len(zone)), ((3 * zone[:, None] + np.arange(3)).ravel(), np.arange(3 * len(zone)))),
                        (3 * len(mesh.nodes), 3 * len(zone))).tocsc()
     kept = hstack([units, patches]).tocsc()

@@ -23,7 +23,7 @@ class Condensed:
         self.columns = model.factor.solve(forces)
         self.samples = np.asarray(model.samples, float)
         self._zone = (3 * model.zone[:, None] + np.arange(3)).ravel()
-        cover = patches_of(model.mesh, covered, ModelSettings.patch)[0][self._zone] if len(covered) else csc_matrix((len(self._zone), 0))
+        cover = patches_of(model.mesh, covered, ModelSettings.patch)[self._zone] if len(covered) else csc_matrix((len(self._zone), 0))
         count = len(model.compliance)
         self._join = vstack([identity(count), hstack([cover.T, csc_matrix((cover.shape[1], count - len(self._zone)))])]).tocsr()
         self.compliance = self._join @ (self._join @ model.compliance).T
@@ -127,49 +127,54 @@ class System:
         self.active = np.ones(patches, bool)
         self.fixed = np.full(len(loads.mean), np.nan)
 
-    def _hold(self):
-        """What the patches that press make of all else: (force on them per pull and per load), pulled and loads as the skull leaves them.
+    def _hold(self, gaps):
+        """What the patches that press make of all else: force on them per pull, per load and for `gaps`; pulled, loads and vectors as they leave them.
 
         The skull's reaction to a load is mechanics. It says nothing of how large the load is, as a w that keeps still there would.
         """
-        a, pulls = self.active, len(self.vectors)
-        both = np.linalg.solve(self.skull[np.ix_(a, a)], np.concatenate([self.at_skull[:, a].T, self.load_skull[a]], 1))
-        return (both[:, :pulls], both[:, pulls:], self.pulled - self.at_skull[:, a] @ both[:, :pulls],
-                self.load_pulled - self.at_skull[:, a] @ both[:, pulls:])
+        a, pulls, loads = self.active, len(self.vectors), len(self.mean)
+        force = np.linalg.solve(self.skull[np.ix_(a, a)], np.concatenate([self.at_skull[:, a].T, self.load_skull[a], gaps[a]], 1))
+        moved = self.at_skull[:, a] @ force
+        return (np.split(force, [pulls, pulls + loads], 1),
+                (self.pulled - moved[:, :pulls], self.load_pulled - moved[:, pulls:pulls + loads], moved[:, pulls + loads:]))
 
     def _solve(self, tau, vectors, gaps, mean):
-        """Loads (n, k) and forces (kept, k) for vectors (3B, k), where the patches' zero is, and the loads before measuring."""
+        """Loads (n, k) and forces (kept, k) for vectors (3B, k), where the patches' zero is, and the loads before measuring; and how much
+        the likelihood would gain by more of each load (n, k)."""
         a, free = self.active, np.isnan(self.fixed)
-        of_pull, of_load, pulled, loads = self._hold()
+        (of_pull, of_load, at_gaps), (pulled, loads, by_gaps) = self._hold(gaps)
         fixed = np.where(free, 0, np.nan_to_num(self.fixed))
-        at_gaps = np.linalg.solve(self.skull[np.ix_(a, a)], gaps[a])
-        precision = tau ** 2 * self.precision[free]
-        matrix = np.block([[pulled + np.diag((self.sd / tau) ** 2), loads[:, free]], [loads[:, free].T, -precision[:, free]]])
-        x = solve(matrix, np.concatenate([vectors - self.at_skull[:, a] @ at_gaps - (loads @ fixed)[:, None],
-                                          (precision[:, ~free] @ fixed[~free])[:, None] - precision @ mean]), assume_a='sym')
+        precision = tau ** 2 * self.precision
+        matrix = np.block([[pulled + np.diag((self.sd / tau) ** 2), loads[:, free]], [loads[:, free].T, -precision[np.ix_(free, free)]]])
+        x = solve(matrix, np.concatenate([vectors - by_gaps - (loads @ fixed)[:, None],
+                                          (precision[np.ix_(free, ~free)] @ fixed[~free])[:, None] - precision[free] @ mean]), assume_a='sym')
         pull, theta = x[:len(vectors)], np.where(free, 0, fixed)[:, None] * np.ones(x.shape[1])
         theta[free] = x[len(vectors):]
         force = np.asarray(self.pick.T @ pull)
         force[self._first:][a] += at_gaps - of_pull @ pull - of_load @ theta
-        return theta, force
+        return theta, force, loads.T @ pull - precision @ (theta - mean)
 
     def solution(self, tau):
-        """Loads and forces (kept,), with the patches that press found."""
-        for _ in range(40):
-            theta, force = (part[:, 0] for part in self._solve(tau, self.vectors[:, None], np.zeros((len(self.active), 1)), self.mean[:, None]))
+        """Loads and forces (kept,), with the patches that press and the loads at their limits found."""
+        for _ in range(60):
+            theta, force, gain = (part[:, 0] for part in self._solve(tau, self.vectors[:, None], np.zeros((len(self.active), 1)), self.mean[:, None]))
             gap = self.known.compliance[self._first:] @ force + self.load_skull @ theta
             pulling = self.active & (force[self._first:] > 0)      # the skull would have to pull
             inside = ~self.active & (gap > 0)                      # the brain would be in the skull
             outside = np.isnan(self.fixed) & ((theta < self.limits[:, 0]) | (theta > self.limits[:, 1]))
+            held = ~np.isnan(self.fixed)
+            wanted = held * np.where(theta <= self.limits[:, 0], gain, -gain)   # to leave a limit that holds it
             if outside.any():
                 self.fixed = np.where(outside, np.clip(theta, *self.limits.T), self.fixed)
             elif pulling.any() or inside.any():
                 self.active = (self.active & ~pulling) | inside
+            elif held.any() and wanted.max() > 1e-6 * np.abs(gain).max():
+                self.fixed[wanted.argmax()] = np.nan
             else:
                 break
         return theta, force
 
-    def _before(self):
+    def _prior_of_free(self):
         """Of the loads before measuring, those at their limits given: mean (n,), and a root of the covariance (n, n)."""
         free = np.isnan(self.fixed)
         mean, root = np.where(free, 0.0, self.fixed), np.zeros_like(self.precision)
@@ -191,13 +196,13 @@ class System:
         for tau in taus:
             self.fixed[:] = np.nan
             self.solution(tau)
-            _, _, pulled, loads = self._hold()
-            mean, prior = self._before()
+            pulled, loads, _ = self._hold(np.zeros((len(self.active), 0)))[1]
+            mean, prior = self._prior_of_free()
             covariance = tau ** 2 * pulled + np.diag(self.sd ** 2) + (loads @ prior) @ (loads @ prior).T
             factor = cho_factor(covariance, lower=True)
             miss = self.vectors - loads @ mean
             found.append(-0.5 * miss @ cho_solve(factor, miss) - np.log(np.diag(factor[0])).sum())
-            if found[-1] < max(found) - 200:   # smaller ones are less likely still
+            if found[-1] < max(found) - 6 * (settings.alike / settings.bin) ** 2:   # smaller ones have less than e^-6 of its weight
                 break
         def quantiles(alike):
             weight = np.exp((np.array(found) - max(found)) * (settings.bin / alike) ** 2)
@@ -211,19 +216,19 @@ class System:
         theta, forces = self.solution(tau)
         return theta, self.known.columns @ theta + self.known.everywhere(forces[:, None])[:, 0]
 
-    def draws(self, tau, theta, random, prior, common):
+    def draws(self, tau, random, prior, common):
         """Differences (3N, S) of draws of the posterior from its mean, with the patches that press held; prior (3N, S): before measuring.
 
         common: see Pulls.
         """
         count = prior.shape[1]
         held, self.fixed = self.fixed, np.full_like(self.fixed, np.nan)   # one at its limit may as well be somewhat off it
-        loads = self._before()[1] @ random.standard_normal((len(theta), count))
+        loads = self._prior_of_free()[1] @ random.standard_normal((len(self.mean), count))
         kept = self.known.kept(prior)
         errors = self.sd[:, None] * random.standard_normal((len(self.vectors), count))
         errors += common * np.tile(random.standard_normal((3, count)), (len(self.vectors) // 3, 1))   # no spring knows of it
         here = -(self.pick @ kept + self.load_pulled @ loads + errors)
         gaps = -(kept[self._first:] + self.load_skull @ loads)
-        change, force = self._solve(tau, here, gaps, np.zeros((len(theta), count)))
+        change, force, _ = self._solve(tau, here, gaps, np.zeros((len(self.mean), count)))
         self.fixed = held
         return prior + self.known.columns @ (loads + change) + self.known.everywhere(force)

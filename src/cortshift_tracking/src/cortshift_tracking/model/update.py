@@ -2,8 +2,8 @@
 
 Displacement is w + the sum of loads theta (loads.py), as the skull leaves them. w is what the model does not know: its covariance is
 tau^2 K^-1 (K: the stiffness), so that what is most likely, given vectors d with standard deviation s, is the brain pulled by springs of
-tau^2 / s^2 (Ji et al. 2009, PMC2749709): prescribed displacements would make forces of the measurement's noise. tau is that under which the
-vectors are most likely. The skull holds a patch of the border that presses on it and lets go of one that does not. The standard deviation is
+tau^2 / s^2 (Ji et al. 2009, PMC2749709): prescribed displacements would make forces of the measurement's noise. tau is one under which the
+vectors are likely, the displacement the mean over four. The skull holds a patch of the border that presses on it and lets go of one that does not. The standard deviation is
 from draws of w, theta, the vectors' errors and other materials (an ensemble over published ranges) that go through the same solution.
 """
 from dataclasses import dataclass, field
@@ -42,7 +42,7 @@ class Update:
     """Displacement (N, 3) [m] and sd (N,) [m]: root mean square length of its error, at the mesh's nodes.
 
     drained: mean over the layers; swelling: volume strain of what swells most, below 0 where fluid was lost. The one that is not fitted is NaN.
-    tau: [sqrt(J)]. pressing: share of the skull's patches that hold. resected (T,) bool.
+    tau: mean [sqrt(J)]. pressing: share of the skull's patches that hold, under the largest. resected (T,) bool.
     residual: root mean square of what the springs leave of the vectors [m].
     """
     displacement: np.ndarray
@@ -125,15 +125,15 @@ def update(model, pulls, gravity=None, resected=None, settings=UpdateSettings(),
     resected = np.zeros(len(model.tissue), bool) if resected is None else resected
     border = np.intersect1d(model.zone, model.mesh.border)
     covered = border[~exposed(model.mesh.nodes[border])] if exposed is not None else border[:0]
-    corners = model.mesh.nodes[model.mesh.border[pulls.triangle]]
-    outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
-    bulges = bool((pulls.displacement * outwards).sum(1).mean() > BULGES)
-    loads = loads_of(model, gravity, bulges, ~resected, settings.loads)
-    known = Condensed(model, loads.forces, resected, settings, covered)
     gone = np.isin(model.mesh.border, np.setdiff1d(np.unique(model.mesh.tetrahedra[resected]),
                                                    np.unique(model.mesh.tetrahedra[~resected]))).any(1)
     used = ~gone[pulls.triangle]
+    corners = model.mesh.nodes[model.mesh.border[pulls.triangle]]
+    outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    bulges = bool((pulls.displacement * outwards).sum(1)[used].mean() > BULGES)
+    loads = loads_of(model, gravity, bulges, ~resected, settings.loads)
+    known = Condensed(model, loads.forces, resected, settings, covered)
     pick, vectors, sd = rows_of(known, model, pulls, used), pulls.displacement[used].ravel(), np.repeat(pulls.sd[used], 3)
     system = System(known, pick, vectors, sd, loads)
     likely, taus = system.fit()
@@ -142,12 +142,12 @@ def update(model, pulls, gravity=None, resected=None, settings=UpdateSettings(),
     pressing = float(system.active.mean())
     other = np.array_split(known.other_materials(displacement, random), len(taus), 1)
     for one, part, samples in zip(taus, other, np.array_split(known.samples, len(taus), 1)):
-        at, mean = system.displacement(one)
-        spread.append(system.draws(one, at, random, one * samples + part, pulls.common) + (mean - displacement)[:, None])
+        _, mean = system.displacement(one)
+        spread.append(system.draws(one, random, one * samples + part, pulls.common) + (mean - displacement)[:, None])
     spread = np.concatenate(spread, 1)
     sd_nodes = np.sqrt((spread ** 2).mean(1).reshape(-1, 3).sum(1))
     drained, swollen = (theta.mean(), np.nan) if loads.gravity else (np.nan, theta.sum())
-    warnings = [] if gravity is not None else ['gravity is not known, so that sagging is from the measured vectors alone']
+    warnings = [] if bulges or gravity is not None else ['gravity is not known, so that sagging is taken as a loss of fluid everywhere']
     if abs(swollen) > IMPLAUSIBLE:
         warnings.append(f'the vectors ask for a swelling of {swollen:.0%}, more than tissue does: the model explains them badly, and the standard '
                         'deviations are too small')

@@ -33,10 +33,11 @@ OpenCase::OpenCase(const ShiftTrackerParameters& parameters)
   for (const std::string& line : store.unreadable())
     ROS_ERROR_STREAM("case folder: a stage stays but cannot be used: " << line);
   const std::string trouble = state.trouble();
-  if (!trouble.empty())
-    ROS_ERROR_STREAM("gravity, excluded regions and outlines of the case are not known: " << trouble);
-  else if (const auto gravity = state.gravity())
-    ROS_INFO_STREAM("gravity is known: " << gravity->source);
+  if (!trouble.empty()) ROS_ERROR_STREAM("case folder: " << trouble);
+  try {
+    if (const auto gravity = state.gravity()) ROS_INFO_STREAM("gravity is known: " << gravity->source);
+  } catch (const UnreadableFile&) {  // trouble says so
+  }
 }
 
 Directions OpenCase::directions() {
