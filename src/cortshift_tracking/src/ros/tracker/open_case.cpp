@@ -2,6 +2,7 @@
 
 #include <ros/ros.h>
 
+#include "cortshift_tracking/case/durable_file.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/ros/run_folder.hpp"
 
