@@ -135,28 +135,45 @@ def with_falx():
     return prepare_model(mr, brain, head.CRANIOTOMY, points[np.isfinite(points[..., 0])], labels, SETTINGS)
 
 
+def response(model, loads, theta):
+    """Pulls of what loads do alone at the exposed surface, and the displacement (N, 3) of all nodes."""
+    points, _ = head.surface_grid(step=0.001)
+    start = points[np.isfinite(points[..., 0])]
+    pulls = bin_field(model, start, np.zeros_like(start), np.full(len(start), 0.0002))
+    known = Condensed(model, loads.forces, np.zeros(len(model.tissue), bool), UpdateSettings(), np.zeros(0, int))
+    told = replace(loads, mean=theta, covariance=1e-12 * np.eye(len(theta)))
+    system = System(known, rows_of(known, model, pulls, np.ones(len(pulls.triangle), bool)), pulls.displacement.ravel(),
+                    np.full(3 * len(pulls.sd), 1e3), told)
+    found, force = system.solution(0.001)
+    moved = (known.columns @ found + known.everywhere(force[:, None])[:, 0]).reshape(-1, 3)
+    surface = (pulls.weights[..., None] * moved[model.mesh.border[pulls.triangle]]).sum(1)
+    return replace(pulls, displacement=surface), moved
+
+
 @pytest.mark.parametrize('bulges', [True, False])
 def test_a_load_that_explains_all_vectors_is_found_whole(with_falx, bulges):
     """What the skull does to a load is mechanics: it does not make the load less likely."""
-    model, kept = with_falx, np.ones(len(with_falx.tissue), bool)
-    points, _ = head.surface_grid(step=0.001)
-    start = points[np.isfinite(points[..., 0])]
-    loads = loads_of(model, DOWN, bulges, kept)
-    true = np.array([0.0, 0.25]) if bulges else np.array([1.5, 1.0, 0.5, 0.0])
-    pulls = bin_field(model, start, np.zeros_like(start), np.full(len(start), 0.0002))
-    known = Condensed(model, loads.forces, ~kept, UpdateSettings(), np.zeros(0, int))
-    told = replace(loads, mean=true, covariance=1e-12 * np.eye(len(true)))
-    system = System(known, rows_of(known, model, pulls, np.ones(len(pulls.triangle), bool)), pulls.displacement.ravel(),
-                    np.full(3 * len(pulls.sd), 1e3), told)
-    theta, force = system.solution(0.001)
-    moved = known.columns @ theta + known.everywhere(force[:, None])[:, 0]
-    nodes = model.mesh.border[pulls.triangle]
-    surface = (pulls.weights[..., None] * moved.reshape(-1, 3)[nodes]).sum(1)
-    found = update(model, replace(pulls, displacement=surface), DOWN)
-    error = np.linalg.norm(found.displacement - moved.reshape(-1, 3), axis=1)
-    assert np.median(error) < 0.1 * np.median(np.linalg.norm(surface, axis=1))
+    loads = loads_of(with_falx, DOWN, bulges, np.ones(len(with_falx.tissue), bool))
+    pulls, moved = response(with_falx, loads, np.array([0.0, 0.25]) if bulges else np.array([1.5, 1.0, 0.5, 0.0]))
+    found = update(with_falx, pulls, DOWN)
+    error = np.linalg.norm(found.displacement - moved, axis=1)
+    assert np.median(error) < 0.1 * np.median(np.linalg.norm(pulls.displacement, axis=1))
     if bulges:
         assert found.swelling == pytest.approx(0.25, rel=0.15)
+
+
+def test_the_surface_does_not_tell_what_swells(with_falx):
+    """The whole brain, and what is near the craniotomy, swollen until the same surface rises by 4 mm."""
+    names = tuple('brain' if name in ('oedema', 'tumour') else name for name in with_falx.tissues)
+    model = replace(with_falx, tissues=names)
+    loads = loads_of(model, None, True, np.ones(len(model.tissue), bool))
+    tumour = np.linalg.norm(model.mesh.nodes - head.TUMOUR, axis=1) < head.TUMOUR_RADIUS
+    lifted = []
+    for part in np.eye(2):
+        pulls, moved = response(model, loads, 0.1 * part)
+        lifted.append((moved[tumour] @ head.OUTWARD).mean() / np.percentile(pulls.displacement @ head.OUTWARD, 99) * 0.004)
+    print(f'the tumour rises by {lifted[0] * 1000:.1f} and {lifted[1] * 1000:.1f} mm')
+    assert lifted[0] > 1.5 * lifted[1] > 0
 
 
 def test_dura_and_fluid_do_not_swell(with_falx):
