@@ -104,8 +104,9 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
   }
   const Outline outline = knowledge.brain.empty()
                               ? earlier.outline
-                              : Outline{excludedMask(earlier.frame, knowledge.brain), "drawn by hand"};
+                              : Outline{excludedMask(earlier.frame, knowledge.brain), {}, "drawn by hand"};
   result.field.brain = outline.brain;
+  result.field.opening = outline.opening;
   const Surround surround = assessSurround(result.field, knowledge, settings.surround);
   if (surround.corrected) {
     takeOut(surround.transform, result.field.start_pmr, result.field.displacement_pmr);

@@ -27,7 +27,9 @@ constexpr const char* kUsage =
     "  --case NAME     of that folder; may stand more than once. photograph and other if not given, and for tracker "
     "and\n"
     "                  drifts cameras and wet besides\n"
-    "  --only WHAT     tracker, drifts, misled, close, outline; may stand more than once\n"
+    "  --only WHAT     tracker, drifts, misled, close, outline; may stand more than once. limits, only where it is "
+    "named:\n"
+    "                  what right and wrong outlines have, for the limits of an outline that is known\n"
     "  --resolution M  of the projection grid [m], 0.0002 if not given\n"
     "  --drifts N      how many random drifts, 20 if not given\n"
     "Exit status: 0 done, 1 failed, 2 bad usage.\n";
@@ -39,9 +41,8 @@ struct Wanted {
   double resolution = 0.0002;
   int drifts = 20;
 
-  bool wants(const std::string& what) const {
-    return only.empty() || std::find(only.begin(), only.end(), what) != only.end();
-  }
+  bool named(const std::string& what) const { return std::find(only.begin(), only.end(), what) != only.end(); }
+  bool wants(const std::string& what) const { return only.empty() || named(what); }
 };
 
 Wanted wantedOf(const cortshift_stereo::Options& given) {
@@ -133,16 +134,17 @@ struct Variant {
   std::function<void(PhantomCase&)> change;
 };
 
+BloodSettings cotton(double x, double y, double r) {
+  BloodSettings pad;
+  pad.outline.centre = {x, y};
+  pad.outline.radii = {r, 0.8 * r};
+  pad.border = 0.0003;
+  pad.cotton = true;
+  return pad;
+}
+
 /// Things around the brain that move, or hide.
 std::vector<Variant> misleading() {
-  const auto cotton = [](double x, double y, double r) {
-    BloodSettings pad;
-    pad.outline.centre = {x, y};
-    pad.outline.radii = {r, 0.8 * r};
-    pad.border = 0.0003;
-    pad.cotton = true;
-    return pad;
-  };
   const auto blade = [](PhantomCase& c, std::size_t stage, double heading, double x) {
     c.stages[stage].retractor.emplace();
     c.stages[stage].retractor->tip = {x, 0.004, 0.006};
@@ -154,9 +156,9 @@ std::vector<Variant> misleading() {
        [](PhantomCase& c) {
          c.stages[1].drape = {0.0025, 0.0017};
        }},
-      {"cotton laid on the brain", [=](PhantomCase& c) { c.stages[1].blood = {cotton(0.005, -0.004, 0.010)}; }},
-      {"cotton laid over the rim", [=](PhantomCase& c) { c.stages[1].blood = {cotton(0.028, 0.008, 0.012)}; }},
-      {"cotton there before, gone after", [=](PhantomCase& c) { c.stages[0].blood = {cotton(-0.026, 0.006, 0.010)}; }},
+      {"cotton laid on the brain", [](PhantomCase& c) { c.stages[1].blood = {cotton(0.005, -0.004, 0.010)}; }},
+      {"cotton laid over the rim", [](PhantomCase& c) { c.stages[1].blood = {cotton(0.028, 0.008, 0.012)}; }},
+      {"cotton there before, gone after", [](PhantomCase& c) { c.stages[0].blood = {cotton(-0.026, 0.006, 0.010)}; }},
       {"retractor over a fifth of the rim, then", [=](PhantomCase& c) { blade(c, 1, 0.4, 0.014); }},
       {"retractor over a fifth of the rim, moved",
        [=](PhantomCase& c) { blade(c, 0, 0.4, 0.015), blade(c, 1, 0.42, 0.013); }},
@@ -215,6 +217,7 @@ std::vector<Variant> views() {
              c.stages[0].retractor->heading = 2.5;
              c.stages[0].retractor->tip = {-0.012, 0.006, 0.006};
            }},
+          {"cotton on the brain", [](PhantomCase& c) { c.stages[0].blood = {cotton(0.005, -0.004, 0.009)}; }},
           {"close", closeUp}};
 }
 
@@ -250,6 +253,72 @@ void printOutlines(const std::string& name, const PhantomCase& description, doub
                   outline.text.c_str());
       std::fflush(stdout);
     }
+  }
+}
+
+/// More of what stands against an outline, from a little to too much.
+std::vector<Variant> doubtfulViews() {
+  std::vector<Variant> out = views();
+  for (const double field : {0.040, 0.046, 0.052, 0.058})
+    out.push_back(
+        {cv::format("%.0f mm in view", 1e3 * field), [field](PhantomCase& c) { c.cameras.field_of_view = field; }});
+  for (const double radius : {0.010, 0.014, 0.018})
+    out.push_back({cv::format("a pool of blood of %.0f mm on the rim", 2e3 * radius), [radius](PhantomCase& c) {
+                     BloodSettings pool;
+                     pool.outline.centre = {-0.024, 0.010};
+                     pool.outline.radii = {radius, radius};
+                     c.stages[0].blood = {pool};
+                   }});
+  for (const double width : {0.015, 0.025, 0.035})
+    out.push_back({cv::format("a blade of %.0f mm over the rim", 1e3 * width), [width](PhantomCase& c) {
+                     c.stages[0].retractor.emplace();
+                     c.stages[0].retractor->tip = {0.014, 0.004, 0.006};
+                     c.stages[0].retractor->heading = 0.4;
+                     c.stages[0].retractor->width = width;
+                   }});
+  for (Variant& variant : misleading()) out.push_back(variant);
+  return out;
+}
+
+/// The shares that an outline is judged by, of right and of wrong ones.
+void printLimits(const Wanted& options, const std::function<PhantomCase(const std::string&)>& load) {
+  constexpr double kRight = 0.93;  // of intersection over union
+  struct Sample {
+    double shares[4], overlap;
+  };
+  const char* const names[] = {"seen", "stepped", "clear", "together"};
+  const OutlineLimits limits;
+  const double limit_of[] = {limits.seen, limits.stepped, limits.clear, limits.together};
+  std::vector<Sample> samples;
+  std::printf(
+      "\n| outline | seen | stepped | clear | together | intersection over union |\n| --- | --- | --- | --- | --- | "
+      "--- |\n");
+  for (const std::string& name : options.cases)
+    for (const Variant& variant : doubtfulViews()) {
+      const TrackedCase rendered = firstAndLast(load(name), variant.change, options.resolution);
+      ShiftResult result = rendered.shift(0, 1, exactTracker(2), SurroundMode::kOff);
+      const FoundOutline found = findOutline(result.earlier);
+      result.field.brain = found.brain;
+      const auto error = cortshift_tracking_phantom::compareOutline(result.field, result.earlier.mask,
+                                                                    result.earlier.height, rendered.scene(), 0);
+      samples.push_back({{found.seen, found.stepped, found.clear, found.together}, error.intersection_over_union});
+      std::printf("| %s, %s | %.2f | %.2f | %.2f | %.2f | %.3f |\n", name.c_str(), variant.name.c_str(), found.seen,
+                  found.stepped, found.clear, found.together, error.intersection_over_union);
+      std::fflush(stdout);
+    }
+  std::printf(
+      "\n| limit | of wrong outlines that the others let pass, at most | of right ones, at least | set |\n"
+      "| --- | --- | --- | --- |\n");
+  for (int k = 0; k < 4; ++k) {
+    double wrong = 0, right = 1;
+    for (const Sample& sample : samples) {
+      bool others = true;
+      for (int other = 0; other < 4; ++other) others &= other == k || sample.shares[other] >= limit_of[other];
+      if (!others) continue;
+      (sample.overlap < kRight ? wrong : right) =
+          sample.overlap < kRight ? std::max(wrong, sample.shares[k]) : std::min(right, sample.shares[k]);
+    }
+    std::printf("| %s | %.2f | %.2f | %.2f |\n", names[k], wrong, right, limit_of[k]);
   }
 }
 
@@ -303,6 +372,7 @@ void runAll(const Wanted& options) {
     std::printf("\n| outline | intersection over union | brain's mean over the truth | |\n| --- | --- | --- | --- |\n");
     for (const std::string& name : options.cases) printOutlines(name, load(name), options.resolution);
   }
+  if (options.named("limits")) printLimits(options, load);
 }
 
 }  // namespace

@@ -149,6 +149,9 @@ OutlineError compareOutline(const DisplacementField& field, const cv::Mat& shown
   OutlineError error;
   error.known = !field.brain.empty();
   if (!error.known) return error;
+  std::vector<cortshift_stereo_phantom::Outline> cotton;
+  for (const auto& pool : scene.description().stages[static_cast<std::size_t>(from)].blood)
+    if (pool.cotton) cotton.emplace_back(pool.outline);
   double both = 0, either = 0, true_count = 0, true_sum = 0, said_count = 0, said_sum = 0;
   for (int row = 0; row < field.frame.size.height; row += stride)
     for (int column = 0; column < field.frame.size.width; column += stride) {
@@ -157,7 +160,10 @@ OutlineError compareOutline(const DisplacementField& field, const cv::Mat& shown
           field.frame.T_pmr_projection *
           Eigen::Vector3d(column * field.frame.resolution, row * field.frame.resolution, height.at<float>(row, column));
       const auto tissue = scene.materialOf(point, from);
-      const bool truly = tissue && scene.rimDistance(tissue->material[0], tissue->material[1]) > 0;
+      const bool truly = tissue && scene.rimDistance(tissue->material[0], tissue->material[1]) > 0 &&
+                         std::none_of(cotton.begin(), cotton.end(), [&](const auto& pad) {
+                           return pad.radius(tissue->material[0], tissue->material[1]).value < 1;
+                         });
       const bool said = field.brain.at<uchar>(row, column) != 0;
       both += truly && said ? 1 : 0;
       either += truly || said ? 1 : 0;

@@ -8,6 +8,7 @@
 
 #include "cortshift_flow/text.hpp"
 #include "cortshift_tracking/surround/closed_path.hpp"
+#include "surround/coverings.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -16,7 +17,6 @@ constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 constexpr double kCell = 0.0002;        // [m] ten of them over the narrowest cuff of dura
 constexpr double kSmooth = 0.0006;      // [m] noise of single heights is not relief
-constexpr double kSteepest = 2.5;       // 68 degrees: steeper is a step of depth, and what lies beyond another thing
 constexpr double kLeastRadius = 0.008;  // [m] of a brain; a burr hole is 14 mm wide
 constexpr double kBend = 0.05;          // of one cell from one direction to the next, beside 0.5 of the deepest crease
 constexpr float kDeepest = 0.5F;        // [1/mm] beyond that a crease is none the better
@@ -29,66 +29,7 @@ constexpr float kAside = 0.02F;         // of an edge 1 mm beside the foot, besi
 constexpr float kLeastStep = 0.001F;    // [m] dura is 0.3 to 0.8 mm thick, bone 3 to 8 mm
 // Of the surface beside the foot: from where to where it is carried on, and where it is compared [m].
 constexpr double kInside = -0.006, kInner = -0.001, kOuter = 0.003, kOutside = 0.005;
-constexpr double kLeastSeen = 0.65;   // of the way around: a retractor may hide a fifth, and the view end at some bone
-constexpr double kLeast = 0.85;       // of what is seen: blood over the rim hides up to a tenth
 constexpr float kTogether = 0.0012F;  // [m] relief and colour have the edge at the same place
-constexpr double kSmallHole = 0.000025;  // [m^2] a glint or a shadow in the brain; more is something that lies on it
-
-/// Means over cells.
-struct Cells {
-  int step = 1;
-  double side = 0;  ///< [m]
-  cv::Mat colour;   ///< CV_32FC3 0...1
-  cv::Mat height;   ///< CV_32FC1 [m], NaN where nothing is seen
-  cv::Mat seen;     ///< CV_8UC1
-};
-
-Cells cellsOf(const Projection& projection) {
-  Cells cells;
-  cells.step = std::max(1, static_cast<int>(std::lround(kCell / projection.resolution)));
-  cells.side = cells.step * projection.resolution;
-  const cv::Size size(projection.mask.cols / cells.step, projection.mask.rows / cells.step);
-  if (size.empty()) return cells;
-  const cv::Rect whole(0, 0, size.width * cells.step, size.height * cells.step);
-  const auto meanOf = [&](const cv::Mat& picture) {
-    cv::Mat mean;
-    cv::resize(picture(whole), mean, size, 0, 0, cv::INTER_AREA);
-    return mean;
-  };
-  cv::Mat share, divisor, height = projection.height.clone();
-  projection.mask.convertTo(share, CV_32F, 1.0 / 255);
-  share = meanOf(share);
-  cells.seen = share > 0.5;
-  share = cv::max(share, 0.01F);
-  cv::merge(std::vector<cv::Mat>(3, share), divisor);
-  cv::divide(meanOf(projection.colour), divisor, cells.colour);  // 0 outside the mask
-  height.setTo(0, projection.mask == 0);
-  cv::divide(meanOf(height), share, cells.height);
-  cells.height.setTo(kNan, cells.seen == 0);
-  return cells;
-}
-
-/// What hangs together without a step of depth: 0 none, else the number of the part. @param largest out
-cv::Mat partsOf(const Cells& cells, cv::Mat& areas, int& largest) {
-  cv::Mat smooth = cells.seen.clone();
-  const auto limit = static_cast<float>(kSteepest * cells.side);
-  const auto compare = [&](int row, int column, int other_row, int other_column) {
-    if (std::abs(cells.height.at<float>(row, column) - cells.height.at<float>(other_row, other_column)) > limit)
-      smooth.at<uchar>(row, column) = smooth.at<uchar>(other_row, other_column) = 0;
-  };
-  for (int row = 0; row < smooth.rows; ++row)
-    for (int column = 0; column < smooth.cols; ++column) {
-      if (column > 0) compare(row, column, row, column - 1);
-      if (row > 0) compare(row, column, row - 1, column);
-    }
-  cv::Mat parts, centres;
-  const int count = cv::connectedComponentsWithStats(smooth, parts, areas, centres, 4, CV_32S);
-  areas = areas.col(cv::CC_STAT_AREA).clone();
-  largest = 0;
-  for (int part = 1; part < count; ++part)
-    if (largest == 0 || areas.at<int>(part) > areas.at<int>(largest)) largest = part;
-  return parts;
-}
 
 /// Heights of one part, smoothed. NaN where less than a third of the neighbourhood belongs to it.
 cv::Mat smoothed(const cv::Mat& height, const cv::Mat& part, double sigma) {
@@ -272,29 +213,29 @@ void drawToColours(const Cells& cells, const cv::Mat& part, Line& line) {
   }
 }
 
-/// Why shares of the way around are not enough for an outline; empty: they are.
-std::string doubtOf(double seen, double stepped, double clear, double together) {
-  const auto only = [](double share, const char* what) {
-    return cortshift_flow::formatted(what, static_cast<int>(std::lround(100 * share)));
-  };
-  if (seen < kLeastSeen) return only(seen, "an edge of the craniotomy is in view on only %d %% of the way around");
-  if (stepped < kLeast) return only(stepped, "bone stands up around the brain on only %d %% of the way around");
-  if (clear < kLeast) return only(clear, "colours differ at the edge of bone on only %d %% of the way around");
-  if (together < kLeast) return only(together, "relief and colours agree on an edge on only %d %% of the way around");
-  return {};
+/// Bone from the cuff of dura outwards, where it was found to stand up.
+cv::Mat boneAround(const Line& line, const cv::Mat& part, double side) {
+  Unrolling at = line.place;
+  at.base = line.radius;
+  cv::Mat bone = cv::Mat::zeros(part.size(), CV_8UC1);
+  const cv::Rect inside({0, 0}, part.size());
+  for (int column = 0; column < kDirections; ++column)
+    for (double out = kOuter; line.stepped[static_cast<std::size_t>(column)] && out <= kOutside; out += side)
+      if (const cv::Point cell = at.at(column, static_cast<float>(out / side)); inside.contains(cell))
+        bone.at<uchar>(cell) = 255;
+  return bone & part;
 }
 
 }  // namespace
 
-Outline proposeOutline(const Projection& projection) {
-  const Cells cells = cellsOf(projection);
+FoundOutline findOutline(const Projection& projection) {
+  FoundOutline found;
+  const Cells cells = cellsOf(projection, kCell);
   if (cells.seen.empty() ||
       cv::countNonZero(cells.seen) * cells.side * cells.side < CV_PI * kLeastRadius * kLeastRadius)
-    return {{}, "not known: the view is too small"};
-  cv::Mat areas;
-  int largest = 0;
-  const cv::Mat parts = partsOf(cells, areas, largest);
-  const cv::Mat part = parts == largest;
+    return found;
+  const Parts parts = partsOf(cells);
+  const cv::Mat part = parts.labels == parts.largest;
   const cv::Mat height = smoothed(cells.height, part, kSmooth / cells.side);
   Line line = creaseAround(height, part, cells.side);
   findSteps(height, cells.side, line);
@@ -304,24 +245,47 @@ Outline proposeOutline(const Projection& projection) {
   std::vector<bool> together;
   for (std::size_t i = 0; i < line.radius.size(); ++i)
     together.push_back(std::abs(line.radius[i] - line.foot[i]) * static_cast<float>(cells.side) < kTogether);
-  const std::string doubt = doubtOf(shareOf(line.seen, everywhere), shareOf(line.stepped, line.seen),
-                                    shareOf(line.clear, line.seen), shareOf(together, line.seen));
-  if (!doubt.empty()) return {{}, "not known: " + doubt};
+  found.seen = shareOf(line.seen, everywhere);
+  found.stepped = shareOf(line.stepped, line.seen);
+  found.clear = shareOf(line.clear, line.seen);
+  found.together = shareOf(together, line.seen);
 
-  cv::Mat brain = within(line, cells.seen.size()) & cells.seen, fine;
-  const double cell_area = cells.side * cells.side;
-  for (int other = 1; other < areas.rows; ++other) {
-    if (other == largest || areas.at<int>(other) * cell_area <= kSmallHole) continue;
-    cv::Mat on_top;  // with its edge, which hangs together with nothing
-    cv::dilate(parts == other, on_top, cv::getStructuringElement(cv::MORPH_RECT, {5, 5}));
-    brain.setTo(0, on_top);
-  }
-  Outline outline;
-  cv::resize(brain, fine, cv::Size(brain.cols * cells.step, brain.rows * cells.step), 0, 0, cv::INTER_LINEAR);
-  outline.brain = cv::Mat::zeros(projection.mask.size(), CV_8UC1);
-  cv::Mat(fine >= 128).copyTo(outline.brain(cv::Rect(0, 0, fine.cols, fine.rows)));
-  outline.text = "proposed by relief and colour";
-  return outline;
+  const cv::Mat opening = within(line, cells.seen.size()) & cells.seen;
+  cv::Mat brain = opening & ~standingOut(cells, parts);
+  const cv::Mat bloodless = bloodlessIn(cells, brain, boneAround(line, part, cells.side));
+  if (!bloodless.empty()) brain.setTo(0, bloodless);
+  const auto onGrid = [&](const cv::Mat& mask) {
+    cv::Mat fine, out = cv::Mat::zeros(projection.mask.size(), CV_8UC1);
+    cv::resize(mask, fine, cv::Size(mask.cols * cells.step, mask.rows * cells.step), 0, 0, cv::INTER_LINEAR);
+    cv::Mat(fine >= 128).copyTo(out(cv::Rect(0, 0, fine.cols, fine.rows)));
+    return out;
+  };
+  found.brain = onGrid(brain);
+  found.opening = onGrid(opening);
+  return found;
+}
+
+std::string doubtOf(const FoundOutline& found, const OutlineLimits& limits) {
+  const auto only = [](double share, const char* what) {
+    return cortshift_flow::formatted(what, static_cast<int>(std::lround(100 * share)));
+  };
+  if (found.seen < limits.seen)
+    return only(found.seen, "an edge of the craniotomy is in view on only %d %% of the way around");
+  if (found.stepped < limits.stepped)
+    return only(found.stepped, "bone stands up around the brain on only %d %% of the way around");
+  if (found.clear < limits.clear)
+    return only(found.clear, "colours differ at the edge of bone on only %d %% of the way around");
+  if (found.together < limits.together)
+    return only(found.together, "relief and colours agree on an edge on only %d %% of the way around");
+  return {};
+}
+
+Outline proposeOutline(const Projection& projection) {
+  const FoundOutline found = findOutline(projection);
+  if (found.brain.empty()) return {{}, {}, "not known: the view is too small"};
+  const std::string doubt = doubtOf(found);
+  if (!doubt.empty()) return {{}, {}, "not known: " + doubt};
+  return {found.brain, found.opening, "proposed by relief and colour"};
 }
 
 }  // namespace cortshift_tracking

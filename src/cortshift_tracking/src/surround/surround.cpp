@@ -51,9 +51,10 @@ struct Resting {
   bool may_be_brain = false;  ///< nothing says that what lies outside the outline is no brain
 };
 
-/// Pale pieces around the flesh, or, where the brain's outline is known, all outside it but cloth. An outline that was
-/// drawn is believed. One that was proposed may be the edge of a hole in the brain: flesh around it is no bone, and
-/// where the brain has no colour of its own it must be larger than what is around it.
+/// Pale pieces around the flesh, or, where the brain's outline is known, all outside it but cloth: what lies on the
+/// brain moves with it. An outline that was drawn is believed. One that was proposed may be the edge of a hole in the
+/// brain: flesh around it is no bone, and where the brain has no colour of its own it must be larger than what is
+/// around it.
 Resting restingPieces(const Pieces& pieces, const cv::Mat& brain, bool drawn) {
   const cv::Mat tissue = tissueOf(pieces), flesh = tissue == static_cast<uchar>(Tissue::kFlesh);
   Resting out;
@@ -132,7 +133,8 @@ Surround assessSurround(const DisplacementField& field, const PairKnowledge& kno
     return surround;
   }
 
-  const Resting chosen = restingPieces(pieces, field.brain, !knowledge.brain.empty());
+  const Resting chosen =
+      restingPieces(pieces, field.opening.empty() ? field.brain : field.opening, !knowledge.brain.empty());
   const std::vector<MovedPiece> resting = moved(chosen.pieces);
   const double piece_area = pieces.side * pieces.side;
   surround.area = static_cast<double>(resting.size()) * piece_area;

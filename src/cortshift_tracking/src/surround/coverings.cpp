@@ -1,0 +1,149 @@
+#include "surround/coverings.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <opencv2/imgproc.hpp>
+#include <vector>
+
+namespace cortshift_tracking {
+namespace {
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
+constexpr double kSteepest = 2.5;        // 68 degrees: steeper is a step of depth, and what lies beyond another thing
+constexpr double kSmallHole = 0.000025;  // [m^2] a glint or a shadow in the brain; more is something that lies on it
+constexpr double kSmooth = 0.001;        // [m] side of the window over which a colour is a mean: noise has any
+constexpr float kOwnColour = 0.2F;       // of logarithms, between brain and bone: less is the camera's balance
+constexpr float kNearer = 0.5F;          // of the distance to the other colour, at most, to be of the one
+constexpr double kAround = 0.67;         // of the way around a thing
+
+/// log R/G and log RB/G^2: what blood changes, see tissue.hpp. CV_32FC2, of what is seen around.
+cv::Mat hueOf(const Cells& cells) {
+  const int window = 2 * static_cast<int>(std::lround(kSmooth / cells.side / 2)) + 1;
+  cv::Mat share, shares, colour = cells.colour.clone(), hue;
+  cells.seen.convertTo(share, CV_32F, 1.0 / 255);
+  colour.setTo(0, cells.seen == 0);
+  cv::blur(share, share, {window, window});
+  cv::blur(colour, colour, {window, window});
+  cv::merge(std::vector<cv::Mat>(3, cv::max(share, 0.01F)), shares);
+  cv::divide(colour, shares, colour);
+  cv::log(colour + cv::Scalar::all(4.0 / 255), colour);  // in the dark there is no colour
+  cv::transform(colour, hue, cv::Matx<float, 2, 3>(0, -1, 1, 1, -2, 1));
+  return hue;
+}
+
+cv::Vec2f medianOf(const cv::Mat& hue, const cv::Mat& mask) {
+  std::vector<float> values[2];
+  for (int row = 0; row < hue.rows; ++row)
+    for (int column = 0; column < hue.cols; ++column)
+      if (mask.at<uchar>(row, column) != 0)
+        for (int i = 0; i < 2; ++i) values[i].push_back(hue.at<cv::Vec2f>(row, column)[i]);
+  cv::Vec2f median(kNan, kNan);
+  for (int i = 0; i < 2; ++i) {
+    if (values[i].empty()) return median;
+    const auto middle = values[i].begin() + static_cast<std::ptrdiff_t>(values[i].size() / 2);
+    std::nth_element(values[i].begin(), middle, values[i].end());
+    median[i] = *middle;
+  }
+  return median;
+}
+
+/// The pieces of a mask that are neither narrow nor small and have an edge: of what is 1 to 2 mm outside most belongs
+/// to `surrounding`. The paleness of tissue fades.
+cv::Mat thingsIn(const cv::Mat& mask, const cv::Mat& surrounding, double side) {
+  const auto disc = [side](double radius) {
+    const int width = 2 * static_cast<int>(std::lround(radius / side)) + 1;
+    return cv::getStructuringElement(cv::MORPH_ELLIPSE, {width, width});
+  };
+  cv::Mat open, labels, statistics, centres, out = cv::Mat::zeros(mask.size(), CV_8UC1);
+  cv::morphologyEx(mask, open, cv::MORPH_OPEN, disc(kSmooth));
+  const int count = cv::connectedComponentsWithStats(open, labels, statistics, centres, 8, CV_32S);
+  for (int i = 1; i < count; ++i) {
+    if (statistics.at<int>(i, cv::CC_STAT_AREA) * side * side <= kSmallHole) continue;
+    const cv::Mat piece = labels == i;
+    cv::Mat near, far;
+    cv::dilate(piece, near, disc(kSmooth));
+    cv::dilate(piece, far, disc(2 * kSmooth));
+    const cv::Mat ring = far & ~near;
+    if (cv::countNonZero(ring & surrounding) > kAround * cv::countNonZero(ring)) out |= near & mask;
+  }
+  return out;
+}
+
+}  // namespace
+
+Cells cellsOf(const Projection& projection, double side) {
+  Cells cells;
+  cells.step = std::max(1, static_cast<int>(std::lround(side / projection.resolution)));
+  cells.side = cells.step * projection.resolution;
+  const cv::Size size(projection.mask.cols / cells.step, projection.mask.rows / cells.step);
+  if (size.empty()) return cells;
+  const cv::Rect whole(0, 0, size.width * cells.step, size.height * cells.step);
+  const auto meanOf = [&](const cv::Mat& picture) {
+    cv::Mat mean;
+    cv::resize(picture(whole), mean, size, 0, 0, cv::INTER_AREA);
+    return mean;
+  };
+  cv::Mat share, divisor, height = projection.height.clone();
+  projection.mask.convertTo(share, CV_32F, 1.0 / 255);
+  share = meanOf(share);
+  cells.seen = share > 0.5;
+  share = cv::max(share, 0.01F);
+  cv::merge(std::vector<cv::Mat>(3, share), divisor);
+  cv::divide(meanOf(projection.colour), divisor, cells.colour);  // 0 outside the mask
+  height.setTo(0, projection.mask == 0);
+  cv::divide(meanOf(height), share, cells.height);
+  cells.height.setTo(kNan, cells.seen == 0);
+  return cells;
+}
+
+Parts partsOf(const Cells& cells) {
+  cv::Mat smooth = cells.seen.clone();
+  const auto limit = static_cast<float>(kSteepest * cells.side);
+  const auto compare = [&](int row, int column, int other_row, int other_column) {
+    if (std::abs(cells.height.at<float>(row, column) - cells.height.at<float>(other_row, other_column)) > limit)
+      smooth.at<uchar>(row, column) = smooth.at<uchar>(other_row, other_column) = 0;
+  };
+  for (int row = 0; row < smooth.rows; ++row)
+    for (int column = 0; column < smooth.cols; ++column) {
+      if (column > 0) compare(row, column, row, column - 1);
+      if (row > 0) compare(row, column, row - 1, column);
+    }
+  Parts parts;
+  cv::Mat statistics, centres;
+  const int count = cv::connectedComponentsWithStats(smooth, parts.labels, statistics, centres, 4, CV_32S);
+  parts.areas = statistics.col(cv::CC_STAT_AREA).clone();
+  for (int part = 1; part < count; ++part)
+    if (parts.largest == 0 || parts.areas.at<int>(part) > parts.areas.at<int>(parts.largest)) parts.largest = part;
+  return parts;
+}
+
+cv::Mat standingOut(const Cells& cells, const Parts& parts) {
+  cv::Mat out = cv::Mat::zeros(cells.seen.size(), CV_8UC1), part;
+  for (int other = 1; other < parts.areas.rows; ++other) {
+    if (other == parts.largest || parts.areas.at<int>(other) * cells.side * cells.side <= kSmallHole) continue;
+    // With its edge, which hangs together with nothing.
+    cv::dilate(parts.labels == other, part, cv::getStructuringElement(cv::MORPH_RECT, {5, 5}));
+    out |= part;
+  }
+  return out;
+}
+
+cv::Mat bloodlessIn(const Cells& cells, const cv::Mat& opening, const cv::Mat& bone) {
+  const cv::Mat hue = hueOf(cells);
+  const cv::Vec2f of_brain = medianOf(hue, opening), of_bone = medianOf(hue, bone);
+  if (!(cv::norm(of_brain - of_bone) > kOwnColour)) return {};  // not for NaN
+  cv::Mat pale = cv::Mat::zeros(opening.size(), CV_8UC1), brain = pale.clone();
+  for (int row = 0; row < pale.rows; ++row)
+    for (int column = 0; column < pale.cols; ++column) {
+      const cv::Vec2f& here = hue.at<cv::Vec2f>(row, column);
+      const double to_bone = cv::norm(here - of_bone), to_brain = cv::norm(here - of_brain);
+      if (to_bone < kNearer * to_brain) pale.at<uchar>(row, column) = 255;
+      if (to_brain < kNearer * to_bone) brain.at<uchar>(row, column) = 255;
+    }
+  pale |= cells.seen == 0;  // too bright to be seen
+  return thingsIn(pale, brain, cells.side) & opening;
+}
+
+}  // namespace cortshift_tracking
