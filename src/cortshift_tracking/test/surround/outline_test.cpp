@@ -154,6 +154,75 @@ TEST(Outline, ABladeAcrossTheRimIsNoBrain) {
   EXPECT_GT(overlapOf(outline.brain, scene.brain), 0.93);
 }
 
+const cv::Point kPad(180, 140);
+const cv::Size kPadAxes(45, 35);  // 9 by 7 mm
+
+cv::Mat padOf(const Painted& scene) {
+  cv::Mat pad = cv::Mat::zeros(scene.brain.size(), CV_8UC1);
+  cv::ellipse(pad, kPad, kPadAxes, 0, 0, 360, 255, cv::FILLED);
+  return pad;
+}
+
+// Half of it is brighter than the cameras can see, so that there is no surface.
+TEST(Outline, CottonThatLiesFlatOnTheBrainIsNoneInAnyLight) {
+  for (const cv::Scalar& light : {cv::Scalar(1, 1, 1), cv::Scalar(0.6, 0.85, 1.1), cv::Scalar(1.05, 1, 0.75)}) {
+    Head head;
+    head.light = light;
+    Painted scene = painted(head);
+    const cv::Mat pad = padOf(scene);
+    scene.projection.colour.setTo(cv::Scalar(0.9, 0.88, 0.86).mul(light), pad);
+    cv::RNG random(5);
+    for (int i = 0; i < 700; ++i) {
+      const cv::Point hole(random.uniform(135, 225), random.uniform(105, 175));
+      if (pad.at<uchar>(hole) == 0) continue;
+      cv::circle(scene.projection.mask, hole, 1, 0, cv::FILLED);
+      cv::circle(scene.projection.colour, hole, 1, cv::Scalar::all(0), cv::FILLED);
+      cv::circle(scene.projection.height, hole, 1, cv::Scalar::all(std::numeric_limits<float>::quiet_NaN()),
+                 cv::FILLED);
+    }
+    const Outline outline = proposeOutline(scene.projection);
+    ASSERT_FALSE(outline.brain.empty()) << outline.text;
+    const double left = cv::countNonZero(outline.brain & pad) / static_cast<double>(cv::countNonZero(pad));
+    EXPECT_LT(left, 0.05);
+    EXPECT_GT(overlapOf(outline.brain, scene.brain & ~pad), 0.93);
+    EXPECT_GT(overlapOf(outline.opening | pad, scene.brain), 0.93);  // what lies on the brain is no bone
+  }
+}
+
+TEST(Outline, PalenessThatFadesIsBrain) {
+  Painted scene = painted({});
+  for (int row = 0; row < 300; ++row)
+    for (int column = 0; column < 400; ++column) {
+      if (scene.brain.at<uchar>(row, column) == 0) continue;
+      const double away = std::hypot(column - kPad.x, row - kPad.y) / 30;
+      cv::Vec3f& colour = scene.projection.colour.at<cv::Vec3f>(row, column);
+      const auto share = static_cast<float>(std::exp(-away * away));
+      colour = share * cv::Vec3f(0.7F, 0.75F, 0.8F) + (1 - share) * colour;
+    }
+  const Outline outline = proposeOutline(scene.projection);
+  ASSERT_FALSE(outline.brain.empty()) << outline.text;
+  EXPECT_NE(outline.brain.at<uchar>(kPad), 0);
+}
+
+TEST(Outline, CottonOnGreyTissueIsNotTold) {
+  Head head;
+  head.tissue = {0.4, 0.4, 0.4};
+  head.texture = 0.3;
+  Painted scene = painted(head);
+  scene.projection.colour.setTo(cv::Scalar(0.9, 0.88, 0.86), padOf(scene));
+  const Outline outline = proposeOutline(scene.projection);
+  ASSERT_FALSE(outline.brain.empty()) << outline.text;
+  EXPECT_NE(outline.brain.at<uchar>(kPad), 0);
+}
+
+TEST(Outline, WhatIsLessThanALimitIsNotKnown) {
+  const FoundOutline found = findOutline(painted({}).projection);
+  EXPECT_EQ(doubtOf(found), "");
+  OutlineLimits strict;
+  strict.seen = 1.01;
+  EXPECT_THAT(doubtOf(found, strict), HasSubstr("in view on only 100 %"));
+}
+
 TEST(Outline, WithoutAStepNothingSaysWhereBoneBegins) {
   Head head;
   head.bone = 0;

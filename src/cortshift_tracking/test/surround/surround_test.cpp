@@ -211,6 +211,21 @@ TEST(Surround, WhereColourTellsNothingTheProposedOutlineDoes) {
   expectCorrected(field, {}, scene);
 }
 
+// Cotton and instruments are no brain, and no bone either: they move with it.
+TEST(Surround, WhatLiesOnTheBrainIsNoBone) {
+  RestingScene scene;
+  scene.cover = [](double x, double y, Matter matter) {
+    return std::hypot(x + 0.004, y) < 0.009 ? Matter::kCotton : matter;
+  };
+  DisplacementField field = scene.seen(RestingScene::drift(11, 0.001, 0.2 * kDegree));
+  field.opening = excludedMask(field.frame, {ellipse(0.0285, 0.0225)});
+  field.brain = field.opening.clone();
+  const double whole = assessSurround(field, {}).area;
+  field.brain.setTo(0, excludedMask(field.frame, {ellipse(0.013, 0.009)}));
+  EXPECT_EQ(assessSurround(field, {}).area, whole);
+  expectCorrected(field, {}, scene);
+}
+
 // The deepest edge in view is that of a cavity, and the brain around it rose as one.
 TEST(Surround, BrainAroundAHoleIsNoBone) {
   RestingScene scene;
