@@ -34,6 +34,9 @@ sensor_msgs::PointCloud2 toPointCloud2(const Surface& surface, const std_msgs::H
 /// @throws MessageError
 Surface surfaceFromPointCloud2(const sensor_msgs::PointCloud2& cloud);
 
+/// Whether that can be read, without doing it. @throws MessageError as above
+void requireSurface(const sensor_msgs::PointCloud2& cloud);
+
 /// @throws CalibrationError for an uncalibrated camera, binning, a region of interest, a distortion model that is none
 ///         of LensModel, or another number of coefficients than it has
 CameraModel cameraModelFromInfo(const sensor_msgs::CameraInfo& info);

@@ -27,7 +27,7 @@ void SurfaceFeed::onSurface(const sensor_msgs::PointCloud2ConstPtr& surface) {
   try {
     if (cortshift_stereo::withoutSlash(surface->header.frame_id) != "pmr")
       throw TrackingError("its frame is '" + surface->header.frame_id + "', not pmr");
-    cortshift_stereo::surfaceFromPointCloud2(*surface);
+    cortshift_stereo::requireSurface(*surface);
     inbox_.put(surface);
   } catch (const std::exception& error) {
     reason = error.what();
