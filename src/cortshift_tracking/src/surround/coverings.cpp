@@ -49,9 +49,11 @@ cv::Vec2f medianOf(const cv::Mat& hue, const cv::Mat& mask) {
   return median;
 }
 
-/// The pieces of a mask that are neither narrow nor small and have an edge: of what is 1 to 2 mm outside most belongs
-/// to `surrounding`. The paleness of tissue fades.
-cv::Mat thingsIn(const cv::Mat& mask, const cv::Mat& surrounding, double side) {
+/// The pieces of a mask that are neither narrow nor small and have an edge: 1 to 2 mm outside it the brain has its own
+/// colour again. The paleness of tissue fades.
+/// @param opening CV_8UC1: no more is looked at
+/// @param brain CV_8UC1 where it has its own colour
+cv::Mat thingsIn(const cv::Mat& mask, const cv::Mat& opening, const cv::Mat& brain, double side) {
   const auto disc = [side](double radius) {
     const int width = 2 * static_cast<int>(std::lround(radius / side)) + 1;
     return cv::getStructuringElement(cv::MORPH_ELLIPSE, {width, width});
@@ -65,8 +67,8 @@ cv::Mat thingsIn(const cv::Mat& mask, const cv::Mat& surrounding, double side) {
     cv::Mat near, far;
     cv::dilate(piece, near, disc(kSmooth));
     cv::dilate(piece, far, disc(2 * kSmooth));
-    const cv::Mat ring = far & ~near;
-    if (cv::countNonZero(ring & surrounding) > kAround * cv::countNonZero(ring)) out |= near & mask;
+    const cv::Mat ring = far & ~near & opening;
+    if (cv::countNonZero(ring & brain) > kAround * cv::countNonZero(ring)) out |= near & mask & opening;
   }
   return out;
 }
@@ -132,9 +134,9 @@ cv::Mat standingOut(const Cells& cells, const Parts& parts) {
 
 cv::Mat bloodlessIn(const Cells& cells, const cv::Mat& opening, const cv::Mat& bone) {
   const cv::Mat hue = hueOf(cells);
-  const cv::Vec2f of_brain = medianOf(hue, opening), of_bone = medianOf(hue, bone);
-  if (!(cv::norm(of_brain - of_bone) > kOwnColour)) return {};  // not for NaN
+  const cv::Vec2f of_brain = medianOf(hue, opening & cells.seen), of_bone = medianOf(hue, bone);
   cv::Mat pale = cv::Mat::zeros(opening.size(), CV_8UC1), brain = pale.clone();
+  if (!(cv::norm(of_brain - of_bone) > kOwnColour)) return pale;  // for NaN too
   for (int row = 0; row < pale.rows; ++row)
     for (int column = 0; column < pale.cols; ++column) {
       const cv::Vec2f& here = hue.at<cv::Vec2f>(row, column);
@@ -143,7 +145,7 @@ cv::Mat bloodlessIn(const Cells& cells, const cv::Mat& opening, const cv::Mat& b
       if (to_brain < kNearer * to_bone) brain.at<uchar>(row, column) = 255;
     }
   pale |= cells.seen == 0;  // too bright to be seen
-  return thingsIn(pale, brain, cells.side) & opening;
+  return thingsIn(pale & opening, opening, brain, cells.side);
 }
 
 }  // namespace cortshift_tracking

@@ -250,10 +250,10 @@ FoundOutline findOutline(const Projection& projection) {
   found.clear = shareOf(line.clear, line.seen);
   found.together = shareOf(together, line.seen);
 
-  const cv::Mat opening = within(line, cells.seen.size()) & cells.seen;
-  cv::Mat brain = opening & ~standingOut(cells, parts);
-  const cv::Mat bloodless = bloodlessIn(cells, brain, boneAround(line, part, cells.side));
-  if (!bloodless.empty()) brain.setTo(0, bloodless);
+  const cv::Mat region = within(line, cells.seen.size()), under = region & ~standingOut(cells, parts),
+                opening = region & cells.seen;
+  cv::Mat brain = under & cells.seen;
+  brain.setTo(0, bloodlessIn(cells, under, boneAround(line, part, cells.side)));
   const auto onGrid = [&](const cv::Mat& mask) {
     cv::Mat fine, out = cv::Mat::zeros(projection.mask.size(), CV_8UC1);
     cv::resize(mask, fine, cv::Size(mask.cols * cells.step, mask.rows * cells.step), 0, 0, cv::INTER_LINEAR);

@@ -114,13 +114,14 @@ TEST(Outline, BloodOverTheRimDoesNotBendIt) {
   EXPECT_GT(overlapOf(outline.brain, scene.brain), 0.93);
 }
 
-// Beside the step of bone colours say where the brain ends: a film of blood that narrows it by less than 3 mm is
-// followed.
-TEST(Outline, FollowsColoursUpToThreeMillimetresInsideTheStep) {
+// Beside the step of bone colours say where the brain ends: a film that narrows it by less than 3 mm is followed, and
+// a wider one where it has the paleness of bone (a flap of dura), not of blood.
+TEST(Outline, FollowsColoursInsideTheStep) {
+  const cv::Scalar dura(0.62, 0.66, 0.80), blood(0.055, 0.045, 0.30);
   const Painted clean = painted({});
   const Outline whole = proposeOutline(clean.projection);
   ASSERT_FALSE(whole.brain.empty()) << whole.text;
-  for (const double width : {0.0015, 0.0025, 0.0045}) {
+  const auto followed = [&](double width, const cv::Scalar& colour) {
     Painted scene = painted({});
     cv::Mat film = cv::Mat::zeros(scene.brain.size(), CV_8UC1);
     for (int row = 115; row < 185; ++row)
@@ -128,18 +129,17 @@ TEST(Outline, FollowsColoursUpToThreeMillimetresInsideTheStep) {
         const double edge = outside((column - 200) * kResolution, (row - 150) * kResolution);
         if (column > 200 && edge > -width && edge < 0.003) film.at<uchar>(row, column) = 255;
       }
-    scene.projection.colour.setTo(cv::Scalar(0.62, 0.66, 0.80), film);
+    scene.projection.colour.setTo(colour, film);
     const Outline narrowed = proposeOutline(scene.projection);
-    ASSERT_FALSE(narrowed.brain.empty()) << narrowed.text;
+    EXPECT_FALSE(narrowed.brain.empty()) << narrowed.text;
     const auto endOf = [](const cv::Mat& brain) {
       return cv::countNonZero(brain(cv::Rect(200, 150, 200, 1))) * kResolution;
     };
-    const double followed = endOf(whole.brain) - endOf(narrowed.brain);
-    if (width < 0.003)
-      EXPECT_NEAR(followed, width, 0.0007) << width;
-    else
-      EXPECT_LT(followed, 0.0035) << width;
-  }
+    return narrowed.brain.empty() ? 0 : endOf(whole.brain) - endOf(narrowed.brain);
+  };
+  for (const double width : {0.0015, 0.0025, 0.0045}) EXPECT_NEAR(followed(width, dura), width, 0.0007) << width;
+  EXPECT_NEAR(followed(0.0025, blood), 0.0025, 0.0007);
+  EXPECT_LT(followed(0.0045, blood), 0.0035);
 }
 
 TEST(Outline, ABladeAcrossTheRimIsNoBrain) {
