@@ -106,8 +106,7 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
                               ? earlier.outline
                               : Outline{excludedMask(earlier.frame, knowledge.brain), {}, "drawn by hand"};
   result.field.brain = outline.brain;
-  result.field.opening = outline.opening;
-  const Surround surround = assessSurround(result.field, knowledge, settings.surround);
+  const Surround surround = assessSurround(result.field, knowledge, settings.surround, outline.opening);
   if (surround.corrected) {
     takeOut(surround.transform, result.field.start_pmr, result.field.displacement_pmr);
     if (settings.with_own_points) takeOut(surround.transform, result.own_points_pmr, result.own_displacements_pmr);

@@ -59,6 +59,11 @@ class TrackedCase {
   const PhantomScene& scene() const { return *scene_; }
   int stages() const { return scene_->stageCount(); }
 
+  /// The stage as a shift from it sees it.
+  Reference reference(int stage, const std::vector<PoseError>& errors) const {
+    return prepareReference(placed(stage, errors), settings);
+  }
+
   /// @param errors of the pose of each stage
   ShiftResult shift(int from, int to, const std::vector<PoseError>& errors, SurroundMode mode) const {
     ShiftSettings with = settings;

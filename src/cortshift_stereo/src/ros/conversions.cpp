@@ -77,7 +77,7 @@ const PointField& colourField(const sensor_msgs::PointCloud2& cloud) {
       "PointCloud2: field rgb is missing; the shift is computed from the texture, send a coloured cloud");
 }
 
-const sensor_msgs::PointCloud2& organised(const sensor_msgs::PointCloud2& cloud) {
+void checkLayout(const sensor_msgs::PointCloud2& cloud) {
   const std::string size = std::to_string(cloud.width) + "x" + std::to_string(cloud.height);
   if (cloud.is_bigendian) throw MessageError("PointCloud2: big-endian data are not supported; send little-endian");
   if (cloud.width < 2 || cloud.height < 2)
@@ -88,20 +88,20 @@ const sensor_msgs::PointCloud2& organised(const sensor_msgs::PointCloud2& cloud)
       cloud.data.size() < uint64_t{cloud.row_step} * cloud.height)
     throw MessageError("PointCloud2: " + std::to_string(cloud.data.size()) + " bytes of data are too few for " + size +
                        " points of " + std::to_string(cloud.point_step) + " bytes");
-  return cloud;
 }
 
-/// Where a cloud has what a surface needs. @throws MessageError
+/// Where a cloud has what a surface needs.
 struct SurfaceFields {
-  explicit SurfaceFields(const sensor_msgs::PointCloud2& cloud)
-      : x(numberField(organised(cloud), "x")),
-        y(numberField(cloud, "y")),
-        z(numberField(cloud, "z")),
-        rgb(colourField(cloud)),
-        confidence(findField(cloud, "confidence") ? &numberField(cloud, "confidence") : nullptr) {}
   const PointField &x, &y, &z, &rgb;
   const PointField* confidence;  ///< null: there is none
 };
+
+/// @throws MessageError
+SurfaceFields fieldsOf(const sensor_msgs::PointCloud2& cloud) {
+  checkLayout(cloud);
+  return {numberField(cloud, "x"), numberField(cloud, "y"), numberField(cloud, "z"), colourField(cloud),
+          findField(cloud, "confidence") ? &numberField(cloud, "confidence") : nullptr};
+}
 
 float readNumber(const uint8_t* point, const PointField& f) {
   if (f.datatype == PointField::FLOAT64) {
@@ -186,10 +186,10 @@ sensor_msgs::PointCloud2 toPointCloud2(const Surface& surface, const std_msgs::H
   return cloud;
 }
 
-void requireSurface(const sensor_msgs::PointCloud2& cloud) { [[maybe_unused]] const SurfaceFields fields(cloud); }
+void requireSurface(const sensor_msgs::PointCloud2& cloud) { static_cast<void>(fieldsOf(cloud)); }
 
 Surface surfaceFromPointCloud2(const sensor_msgs::PointCloud2& cloud) {
-  const auto& [fx, fy, fz, frgb, fconfidence] = SurfaceFields(cloud);
+  const auto [fx, fy, fz, frgb, fconfidence] = fieldsOf(cloud);
 
   const cv::Size size(static_cast<int>(cloud.width), static_cast<int>(cloud.height));
   Surface surface{cv::Mat(size, CV_32FC3), cv::Mat(size, CV_8UC3), cv::Mat(size, CV_32FC1)};

@@ -10,23 +10,40 @@
 #include "cortshift_tracking/error.hpp"
 
 namespace cortshift_tracking {
+namespace {
+
+using Corners = std::vector<cv::Point>;
+
+constexpr int kFraction = 6;  // corners in 1/64 of a grid step
+
+Corners cornersOf(const ProjectionFrame& frame, const Region& region) {
+  if (region.size() < 3) throw TrackingError("an excluded region has fewer than three corners");
+  Corners corners;
+  for (const cv::Point2d& corner : region) {
+    if (!std::isfinite(corner.x) || !std::isfinite(corner.y))
+      throw TrackingError("an excluded region has a corner that is not a number");
+    const auto fixed = [&](double v) {
+      return static_cast<int>(std::lround(std::clamp(v / frame.resolution, -1e5, 1e5) * (1 << kFraction)));
+    };
+    corners.emplace_back(fixed(corner.x), fixed(corner.y));
+  }
+  return corners;
+}
+
+}  // namespace
 
 cv::Mat excludedMask(const ProjectionFrame& frame, const std::vector<Region>& regions) {
   cv::Mat mask = cv::Mat::zeros(frame.size, CV_8UC1);
-  for (const Region& region : regions) {
-    if (region.size() < 3) throw TrackingError("an excluded region has fewer than three corners");
-    std::vector<cv::Point> corners;
-    constexpr int kFraction = 6;  // corners in 1/64 of a grid step
-    for (const cv::Point2d& corner : region) {
-      if (!std::isfinite(corner.x) || !std::isfinite(corner.y))
-        throw TrackingError("an excluded region has a corner that is not a number");
-      const auto fixed = [&](double v) {
-        return static_cast<int>(std::lround(std::clamp(v / frame.resolution, -1e5, 1e5) * (1 << kFraction)));
-      };
-      corners.emplace_back(fixed(corner.x), fixed(corner.y));
-    }
-    cv::fillPoly(mask, std::vector<std::vector<cv::Point>>{corners}, 255, cv::LINE_8, kFraction);
-  }
+  for (const Region& region : regions)
+    cv::fillPoly(mask, std::vector<Corners>{cornersOf(frame, region)}, 255, cv::LINE_8, kFraction);
+  return mask;
+}
+
+cv::Mat outlinedMask(const ProjectionFrame& frame, const std::vector<Region>& outlines) {
+  cv::Mat mask = cv::Mat::zeros(frame.size, CV_8UC1);
+  std::vector<Corners> all;
+  for (const Region& outline : outlines) all.push_back(cornersOf(frame, outline));
+  if (!all.empty()) cv::fillPoly(mask, all, 255, cv::LINE_8, kFraction);  // by parity
   return mask;
 }
 

@@ -10,6 +10,7 @@
 #include "cortshift_stereo/provenance.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
 #include "cortshift_tracking/case/calibration_identity.hpp"
+#include "cortshift_tracking/surround/outline.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -47,16 +48,19 @@ bool hasField(const sensor_msgs::PointCloud2& cloud, const char* name) {
   return false;
 }
 
-/// The outlines of a mask, corners in the frame [m]; to half a grid point, which is less than anyone draws.
+/// The outlines of a mask and of the large holes in it, corners in the frame [m]; to half a grid point, which is less
+/// than anyone draws.
 std::vector<geometry_msgs::Polygon> polygonsOf(const cv::Mat& mask, double resolution) {
   std::vector<geometry_msgs::Polygon> polygons;
   if (mask.empty()) return polygons;
   std::vector<std::vector<cv::Point>> contours;
-  cv::findContours(mask.clone(), contours, cv::RETR_EXTERNAL, cv::CHAIN_APPROX_NONE);
-  for (const std::vector<cv::Point>& contour : contours) {
+  std::vector<cv::Vec4i> family;  // next, previous, child, parent
+  cv::findContours(mask.clone(), contours, family, cv::RETR_CCOMP, cv::CHAIN_APPROX_NONE);
+  for (std::size_t i = 0; i < contours.size(); ++i) {
     std::vector<cv::Point> corners;
-    cv::approxPolyDP(contour, corners, 0.5, true);
-    if (corners.size() < 3) continue;
+    cv::approxPolyDP(contours[i], corners, 0.5, true);
+    const bool hole = family[i][3] >= 0;
+    if (corners.size() < 3 || (hole && cv::contourArea(contours[i]) * resolution * resolution < kSmallHole)) continue;
     geometry_msgs::Polygon polygon;
     for (const cv::Point& corner : corners) {
       geometry_msgs::Point32 point;
@@ -266,7 +270,7 @@ DisplacementField fieldFromMessage(const cortshift_msgs::DisplacementField& mess
   if (uncertainty) field.uncertainty = cv::Mat(field.frame.size, CV_32FC1, cv::Scalar(kNaN));
   std::vector<Region> brain;
   for (const geometry_msgs::Polygon& polygon : message.brain) brain.push_back(regionFromMessage(polygon));
-  if (!brain.empty()) field.brain = excludedMask(field.frame, brain);
+  if (!brain.empty()) field.brain = outlinedMask(field.frame, brain);
   for (int row = 0; row < field.frame.size.height; ++row)
     for (int column = 0; column < field.frame.size.width; ++column) {
       const uint8_t* in = cloud.data.data() + std::size_t{cloud.row_step} * static_cast<std::size_t>(row) +

@@ -6,21 +6,23 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "cortshift_tracking/surround/outline.hpp"
+
 namespace cortshift_tracking {
 namespace {
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-constexpr double kSteepest = 2.5;        // 68 degrees: steeper is a step of depth, and what lies beyond another thing
-constexpr double kSmallHole = 0.000025;  // [m^2] a glint or a shadow in the brain; more is something that lies on it
-constexpr double kSmooth = 0.001;        // [m] side of the window over which a colour is a mean: noise has any
-constexpr float kOwnColour = 0.2F;       // of logarithms, between brain and bone: less is the camera's balance
-constexpr float kNearer = 0.5F;          // of the distance to the other colour, at most, to be of the one
-constexpr double kAround = 0.67;         // of the way around a thing
+constexpr double kWindow = 0.0014;  // [m] side of the window over which a colour is a mean: noise has any
+constexpr double kReach =
+    0.001;  // [m] narrower than twice this is a vessel's glint; so far reaches the edge of a thing
+constexpr float kOwnColour = 0.2F;  // of logarithms, between brain and bone: less is the camera's balance
+constexpr float kNearer = 0.5F;     // of the distance to the other colour, at most, to be plainly of the one
+constexpr double kAround = 0.67;    // of the ring around a thing, as far as it lies in the opening
 
 /// log R/G and log RB/G^2: what blood changes, see tissue.hpp. CV_32FC2, of what is seen around.
 cv::Mat hueOf(const Cells& cells) {
-  const int window = 2 * static_cast<int>(std::lround(kSmooth / cells.side / 2)) + 1;
+  const int window = 2 * static_cast<int>(kWindow / cells.side / 2) + 1;
   cv::Mat share, shares, colour = cells.colour.clone(), hue;
   cells.seen.convertTo(share, CV_32F, 1.0 / 255);
   colour.setTo(0, cells.seen == 0);
@@ -28,8 +30,7 @@ cv::Mat hueOf(const Cells& cells) {
   cv::blur(colour, colour, {window, window});
   cv::merge(std::vector<cv::Mat>(3, cv::max(share, 0.01F)), shares);
   cv::divide(colour, shares, colour);
-  cv::log(colour + cv::Scalar::all(4.0 / 255), colour);  // in the dark there is no colour
-  cv::transform(colour, hue, cv::Matx<float, 2, 3>(0, -1, 1, 1, -2, 1));
+  cv::transform(logarithmOf(colour), hue, cv::Matx<float, 2, 3>(0, -1, 1, 1, -2, 1));
   return hue;
 }
 
@@ -59,67 +60,21 @@ cv::Mat thingsIn(const cv::Mat& mask, const cv::Mat& opening, const cv::Mat& bra
     return cv::getStructuringElement(cv::MORPH_ELLIPSE, {width, width});
   };
   cv::Mat open, labels, statistics, centres, out = cv::Mat::zeros(mask.size(), CV_8UC1);
-  cv::morphologyEx(mask, open, cv::MORPH_OPEN, disc(kSmooth));
+  cv::morphologyEx(mask, open, cv::MORPH_OPEN, disc(kReach));
   const int count = cv::connectedComponentsWithStats(open, labels, statistics, centres, 8, CV_32S);
   for (int i = 1; i < count; ++i) {
     if (statistics.at<int>(i, cv::CC_STAT_AREA) * side * side <= kSmallHole) continue;
     const cv::Mat piece = labels == i;
     cv::Mat near, far;
-    cv::dilate(piece, near, disc(kSmooth));
-    cv::dilate(piece, far, disc(2 * kSmooth));
+    cv::dilate(piece, near, disc(kReach));
+    cv::dilate(piece, far, disc(2 * kReach));
     const cv::Mat ring = far & ~near & opening;
-    if (cv::countNonZero(ring & brain) > kAround * cv::countNonZero(ring)) out |= near & mask & opening;
+    if (cv::countNonZero(ring & brain) > kAround * cv::countNonZero(ring)) out |= near & mask;
   }
   return out;
 }
 
 }  // namespace
-
-Cells cellsOf(const Projection& projection, double side) {
-  Cells cells;
-  cells.step = std::max(1, static_cast<int>(std::lround(side / projection.resolution)));
-  cells.side = cells.step * projection.resolution;
-  const cv::Size size(projection.mask.cols / cells.step, projection.mask.rows / cells.step);
-  if (size.empty()) return cells;
-  const cv::Rect whole(0, 0, size.width * cells.step, size.height * cells.step);
-  const auto meanOf = [&](const cv::Mat& picture) {
-    cv::Mat mean;
-    cv::resize(picture(whole), mean, size, 0, 0, cv::INTER_AREA);
-    return mean;
-  };
-  cv::Mat share, divisor, height = projection.height.clone();
-  projection.mask.convertTo(share, CV_32F, 1.0 / 255);
-  share = meanOf(share);
-  cells.seen = share > 0.5;
-  share = cv::max(share, 0.01F);
-  cv::merge(std::vector<cv::Mat>(3, share), divisor);
-  cv::divide(meanOf(projection.colour), divisor, cells.colour);  // 0 outside the mask
-  height.setTo(0, projection.mask == 0);
-  cv::divide(meanOf(height), share, cells.height);
-  cells.height.setTo(kNan, cells.seen == 0);
-  return cells;
-}
-
-Parts partsOf(const Cells& cells) {
-  cv::Mat smooth = cells.seen.clone();
-  const auto limit = static_cast<float>(kSteepest * cells.side);
-  const auto compare = [&](int row, int column, int other_row, int other_column) {
-    if (std::abs(cells.height.at<float>(row, column) - cells.height.at<float>(other_row, other_column)) > limit)
-      smooth.at<uchar>(row, column) = smooth.at<uchar>(other_row, other_column) = 0;
-  };
-  for (int row = 0; row < smooth.rows; ++row)
-    for (int column = 0; column < smooth.cols; ++column) {
-      if (column > 0) compare(row, column, row, column - 1);
-      if (row > 0) compare(row, column, row - 1, column);
-    }
-  Parts parts;
-  cv::Mat statistics, centres;
-  const int count = cv::connectedComponentsWithStats(smooth, parts.labels, statistics, centres, 4, CV_32S);
-  parts.areas = statistics.col(cv::CC_STAT_AREA).clone();
-  for (int part = 1; part < count; ++part)
-    if (parts.largest == 0 || parts.areas.at<int>(part) > parts.areas.at<int>(parts.largest)) parts.largest = part;
-  return parts;
-}
 
 cv::Mat standingOut(const Cells& cells, const Parts& parts) {
   cv::Mat out = cv::Mat::zeros(cells.seen.size(), CV_8UC1), part;
@@ -144,7 +99,8 @@ cv::Mat bloodlessIn(const Cells& cells, const cv::Mat& opening, const cv::Mat& b
       if (to_bone < kNearer * to_brain) pale.at<uchar>(row, column) = 255;
       if (to_brain < kNearer * to_bone) brain.at<uchar>(row, column) = 255;
     }
-  pale |= cells.seen == 0;  // too bright to be seen
+  brain &= cells.seen;
+  pale |= cells.seen == 0;  // as cotton that is too bright
   return thingsIn(pale & opening, opening, brain, cells.side);
 }
 

@@ -8,6 +8,7 @@
 
 #include "cortshift_flow/text.hpp"
 #include "cortshift_tracking/surround/closed_path.hpp"
+#include "surround/cells.hpp"
 #include "surround/coverings.hpp"
 
 namespace cortshift_tracking {
@@ -162,10 +163,9 @@ void findSteps(const cv::Mat& height, double side, Line& line) {
 
 /// How much colours on both sides of each place differ, beside how much they vary there.
 cv::Mat edgesOf(const cv::Mat& colour, const cv::Mat& part, const Unrolling& band, int half) {
-  cv::Mat logarithm, sum;
-  cv::log(colour + cv::Scalar::all(4.0 / 255), logarithm);  // in the dark there is no colour
+  cv::Mat sum;
   std::vector<cv::Mat> bgr;
-  cv::split(logarithm, bgr);
+  cv::split(logarithmOf(colour), bgr);
   const cv::Mat channels[] = {bgr[0] + bgr[1] + bgr[2], 2 * (bgr[2] - bgr[1]), 2 * (bgr[0] - bgr[1])};
   for (cv::Mat channel : channels) {
     channel.setTo(kNan, part == 0);
@@ -219,10 +219,12 @@ cv::Mat boneAround(const Line& line, const cv::Mat& part, double side) {
   at.base = line.radius;
   cv::Mat bone = cv::Mat::zeros(part.size(), CV_8UC1);
   const cv::Rect inside({0, 0}, part.size());
-  for (int column = 0; column < kDirections; ++column)
-    for (double out = kOuter; line.stepped[static_cast<std::size_t>(column)] && out <= kOutside; out += side)
+  for (int column = 0; column < kDirections; ++column) {
+    if (!line.stepped[static_cast<std::size_t>(column)]) continue;
+    for (double out = kOuter; out <= kOutside; out += side)
       if (const cv::Point cell = at.at(column, static_cast<float>(out / side)); inside.contains(cell))
         bone.at<uchar>(cell) = 255;
+  }
   return bone & part;
 }
 

@@ -55,7 +55,8 @@ struct Resting {
 /// brain moves with it. An outline that was drawn is believed. One that was proposed may be the edge of a hole in the
 /// brain: flesh around it is no bone, and where the brain has no colour of its own it must be larger than what is
 /// around it.
-Resting restingPieces(const Pieces& pieces, const cv::Mat& brain, bool drawn) {
+/// @param opening of the brain and what lies on it
+Resting restingPieces(const Pieces& pieces, const cv::Mat& brain, const cv::Mat& opening, bool drawn) {
   const cv::Mat tissue = tissueOf(pieces), flesh = tissue == static_cast<uchar>(Tissue::kFlesh);
   Resting out;
   cv::Mat resting;
@@ -63,12 +64,16 @@ Resting restingPieces(const Pieces& pieces, const cv::Mat& brain, bool drawn) {
     resting = paleAround(tissue);
     out.flesh_in_view = cv::countNonZero(flesh) > 0;
   } else {
-    cv::Mat share, wide;
-    cv::resize(brain, share, pieces.size, 0, 0, cv::INTER_AREA);
-    cv::dilate(share, wide, cv::Mat());  // an outline is right to about a piece
-    resting =
-        (wide == 0) & (tissue != static_cast<uchar>(Tissue::kNone)) & (tissue != static_cast<uchar>(Tissue::kCloth));
-    const cv::Mat inside = (share == 255) & (tissue != static_cast<uchar>(Tissue::kNone));
+    const auto shareOf = [&](const cv::Mat& mask) {
+      cv::Mat share;
+      cv::resize(mask, share, pieces.size, 0, 0, cv::INTER_AREA);
+      return share;
+    };
+    const cv::Mat known = tissue != static_cast<uchar>(Tissue::kNone);
+    cv::Mat wide;
+    cv::dilate(shareOf(opening), wide, cv::Mat());  // an outline is right to about a piece
+    resting = (wide == 0) & known & (tissue != static_cast<uchar>(Tissue::kCloth));
+    const cv::Mat inside = (shareOf(brain) == 255) & known;
     const int all = cv::countNonZero(inside);
     const bool coloured = 2 * cv::countNonZero(flesh & inside) > all;
     if (!drawn && coloured) resting &= ~flesh;
@@ -118,7 +123,7 @@ void SurroundSettings::validate() const {
 }
 
 Surround assessSurround(const DisplacementField& field, const PairKnowledge& knowledge,
-                        const SurroundSettings& settings) {
+                        const SurroundSettings& settings, const cv::Mat& opening) {
   settings.validate();
   Surround surround;
   const Pieces pieces = piecesOf(field);
@@ -134,7 +139,7 @@ Surround assessSurround(const DisplacementField& field, const PairKnowledge& kno
   }
 
   const Resting chosen =
-      restingPieces(pieces, field.opening.empty() ? field.brain : field.opening, !knowledge.brain.empty());
+      restingPieces(pieces, field.brain, opening.empty() ? field.brain : opening, !knowledge.brain.empty());
   const std::vector<MovedPiece> resting = moved(chosen.pieces);
   const double piece_area = pieces.side * pieces.side;
   surround.area = static_cast<double>(resting.size()) * piece_area;

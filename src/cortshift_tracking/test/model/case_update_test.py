@@ -1,4 +1,5 @@
 """From a recorded case to its updated MR by the command lines, the brain found in the MR; and every refusal by its text."""
+import dataclasses
 import json
 import shutil
 
@@ -82,6 +83,14 @@ def test_brain_goes_where_it_was_measured_and_bone_does_not_hold_it(folder):
     assert len(covered) > 20
     outwards = (updated.update.displacement[covered] * (model.mesh.nodes[covered] - (CRANIOTOMY - RADIUS * OUTWARD)) / RADIUS).sum(1)
     assert outwards.max() < 0.0015   # bone keeps the brain in
+
+
+def test_what_lies_on_the_brain_is_a_hole_in_it(folder):
+    field = read_case(str(folder / 'case')).field(FROM, TO)
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    holed = dataclasses.replace(field, brain=(0.010 * square + 0.03, 0.004 * square + 0.03))
+    places = field.T_pmr_projection[:3, 3] + np.array([[0.023, 0.03], [0.03, 0.03], [0.001, 0.03]]) @ field.T_pmr_projection[:3, :2].T
+    assert holed.on_brain(places).tolist() == [True, False, False]
 
 
 # ---- refusals -------------------------------------------------------------------------------------------------------------

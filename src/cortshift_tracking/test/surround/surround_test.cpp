@@ -182,8 +182,9 @@ Region ellipse(double radius_x, double radius_y) {
   return outline;
 }
 
-void expectCorrected(DisplacementField field, const PairKnowledge& knowledge, const RestingScene& scene) {
-  const Surround surround = assessSurround(field, knowledge);
+void expectCorrected(DisplacementField field, const PairKnowledge& knowledge, const RestingScene& scene,
+                     const cv::Mat& opening = {}) {
+  const Surround surround = assessSurround(field, knowledge, {}, opening);
   ASSERT_TRUE(surround.corrected) << surround.text;
   takeOut(surround.transform, field.start_pmr, field.displacement_pmr);
   EXPECT_LT(errorsOnBrain(field.displacement_pmr, scene).p95, 0.00025);
@@ -218,12 +219,31 @@ TEST(Surround, WhatLiesOnTheBrainIsNoBone) {
     return std::hypot(x + 0.004, y) < 0.009 ? Matter::kCotton : matter;
   };
   DisplacementField field = scene.seen(RestingScene::drift(11, 0.001, 0.2 * kDegree));
-  field.opening = excludedMask(field.frame, {ellipse(0.0285, 0.0225)});
-  field.brain = field.opening.clone();
+  const cv::Mat opening = excludedMask(field.frame, {ellipse(0.0285, 0.0225)});
+  field.brain = opening.clone();
   const double whole = assessSurround(field, {}).area;
   field.brain.setTo(0, excludedMask(field.frame, {ellipse(0.013, 0.009)}));
-  EXPECT_EQ(assessSurround(field, {}).area, whole);
-  expectCorrected(field, {}, scene);
+  EXPECT_EQ(assessSurround(field, {}, {}, opening).area, whole);
+  expectCorrected(field, {}, scene, opening);
+}
+
+// The deepest edge in view is that of a cavity packed with cotton: what is around it is flesh, as its wall is.
+TEST(Surround, FleshAroundAPackedCavityIsNoBone) {
+  RestingScene scene;
+  scene.sag = 0;
+  scene.cover = [](double x, double y, Matter matter) {
+    return std::hypot(x, y) < 0.009 ? Matter::kCotton : matter == Matter::kBrain ? matter : Matter::kNothing;
+  };
+  scene.movement = [](double, double, Matter matter) {
+    return Eigen::Vector3d(0, 0, matter == Matter::kBrain ? 0.0006 : 0);
+  };
+  DisplacementField field = scene.seen();
+  const cv::Mat opening = excludedMask(field.frame, {ellipse(0.013, 0.013)});
+  field.brain = opening.clone();
+  field.brain.setTo(0, excludedMask(field.frame, {ellipse(0.0095, 0.0095)}));
+  const Surround surround = assessSurround(field, {}, {}, opening);
+  EXPECT_FALSE(surround.corrected) << surround.text;
+  EXPECT_EQ(surround.finding, SurroundFinding::kUnseen) << surround.text;
 }
 
 // The deepest edge in view is that of a cavity, and the brain around it rose as one.

@@ -16,7 +16,6 @@ struct DisplacementField {
   cv::Mat confidence;        ///< CV_32FC1 0...1; below the gate the vectors are NaN
   cv::Mat uncertainty;   ///< CV_32FC1 root mean square length expected of the vector's error [m], or empty: not known
   cv::Mat brain;         ///< CV_8UC1 255 on the exposed brain of the earlier surface, or empty: not known
-  cv::Mat opening;       ///< CV_8UC1 255 on the brain and what lies on it, or empty: as `brain`
   cv::Mat strain_major;  ///< CV_32FC1 as in Strain, or empty where it was not asked for
   cv::Mat strain_minor;  ///< CV_32FC1 as in Strain, or empty
 };

@@ -17,6 +17,10 @@ using Region = std::vector<cv::Point2d>;
 /// @throws TrackingError for a region of fewer than three corners or with a corner that is not finite
 cv::Mat excludedMask(const ProjectionFrame& frame, const std::vector<Region>& regions);
 
+/// CV_8UC1 over the frame's grid: 255 where a grid point lies in an odd number of outlines, so that one within another
+/// is a hole. @throws TrackingError as above
+cv::Mat outlinedMask(const ProjectionFrame& frame, const std::vector<Region>& outlines);
+
 /// Reads regions by the key of the earlier stage:
 ///   KEY: [[[x, y], [x, y], [x, y]], ...]      [m]
 /// @throws TrackingError naming the file and what is wrong

@@ -69,8 +69,9 @@ struct Surround {
 };
 
 /// Judges a field. Nothing of it is changed.
+/// @param opening CV_8UC1 255 on the brain and what lies on it; empty: nothing lies on it
 Surround assessSurround(const DisplacementField& field, const PairKnowledge& knowledge,
-                        const SurroundSettings& settings = {});
+                        const SurroundSettings& settings = {}, const cv::Mat& opening = {});
 
 /// Takes the motion out: what was at `transform` * p ends at p. `starts_pmr` and `displacements_pmr` are CV_32FC3 [m].
 void takeOut(const Eigen::Isometry3d& transform, const cv::Mat& starts_pmr, cv::Mat& displacements_pmr);

@@ -58,9 +58,8 @@ FieldError compareWithTruth(const cortshift_tracking::DisplacementField& field,
 /// A proposed outline of the brain, and the mean displacement within it, against the truth.
 struct OutlineError {
   bool known = false;
-  double intersection_over_union =
-      0;                  ///< of what the earlier stage shows as brain, blood on it included, cotton not; 0...1
-  double mean_ratio = 0;  ///< mean length of the field's vectors within the outline over the true brain's
+  double intersection_over_union = 0;  ///< of the brain in view, with blood on it, without cotton; 0...1
+  double mean_ratio = 0;               ///< mean length of the field's vectors within the outline over the true brain's
 };
 
 /// @param shown CV_8UC1 255 where the earlier stage's projection shows something (Projection::mask)

@@ -102,7 +102,7 @@ class Field:
     strain_major: np.ndarray = None
     strain_minor: np.ndarray = None
     uncertainty: np.ndarray = None   # (H, W) [m]: root mean square length expected of the error; None: not known
-    brain: tuple = ()                # polygons (N, 2) around the exposed brain in the projection's x and y [m]; (): not known
+    brain: tuple = ()                # polygons (N, 2) in x and y of the projection [m], brain in an odd number of them; (): not known
     provenance: Provenance = Provenance()
 
     @property
@@ -130,7 +130,7 @@ class Field:
         if not self.brain:
             return np.ones(points.shape[:-1], bool)
         local = (points - self.T_pmr_projection[:3, 3]).reshape(-1, 3) @ self.T_pmr_projection[:3, :2]
-        inside = np.any([Path(polygon).contains_points(local) for polygon in self.brain], axis=0)
+        inside = np.sum([Path(polygon).contains_points(local) for polygon in self.brain], axis=0) % 2 == 1   # a hole lies in two
         return inside.reshape(points.shape[:-1])
 
     def at(self, point_pmr, reach=0.0005):
