@@ -297,7 +297,8 @@ void printLimits(const Wanted& options, const std::function<PhantomCase(const st
       field.frame = seen.frame;
       field.brain = found.brain;
       field.displacement_pmr = cv::Mat(seen.frame.size, CV_32FC3, cv::Scalar::all(0));
-      const auto error = compareOutline(field, seen.projection.mask, seen.projection.height, rendered.scene(), 0);
+      const auto error = cortshift_tracking_phantom::compareOutline(field, seen.projection.mask, seen.projection.height,
+                                                                    rendered.scene(), 0);
       std::printf("| %s, %s | %.2f | %.2f | %.2f | %.2f | %.3f |\n", name.c_str(), variant.name.c_str(), found.seen,
                   found.stepped, found.clear, found.together, error.intersection_over_union);
       std::fflush(stdout);

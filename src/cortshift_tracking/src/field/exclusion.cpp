@@ -17,11 +17,11 @@ using Corners = std::vector<cv::Point>;
 constexpr int kFraction = 6;  // corners in 1/64 of a grid step
 
 Corners cornersOf(const ProjectionFrame& frame, const Region& region) {
-  if (region.size() < 3) throw TrackingError("an excluded region has fewer than three corners");
+  if (region.size() < 3) throw TrackingError("a polygon has fewer than three corners");
   Corners corners;
   for (const cv::Point2d& corner : region) {
     if (!std::isfinite(corner.x) || !std::isfinite(corner.y))
-      throw TrackingError("an excluded region has a corner that is not a number");
+      throw TrackingError("a polygon has a corner that is not a number");
     const auto fixed = [&](double v) {
       return static_cast<int>(std::lround(std::clamp(v / frame.resolution, -1e5, 1e5) * (1 << kFraction)));
     };

@@ -55,12 +55,16 @@ std::vector<geometry_msgs::Polygon> polygonsOf(const cv::Mat& mask, double resol
   if (mask.empty()) return polygons;
   std::vector<std::vector<cv::Point>> contours;
   std::vector<cv::Vec4i> family;  // next, previous, child, parent
+  cv::Mat filled = mask.clone();
   cv::findContours(mask.clone(), contours, family, cv::RETR_CCOMP, cv::CHAIN_APPROX_NONE);
-  for (std::size_t i = 0; i < contours.size(); ++i) {
+  for (std::size_t i = 0; i < contours.size(); ++i)
+    if (family[i][3] >= 0 && cv::contourArea(contours[i]) * resolution * resolution < kSmallHole)
+      cv::drawContours(filled, contours, static_cast<int>(i), 255, cv::FILLED);  // with what lies in it
+  cv::findContours(filled, contours, cv::RETR_CCOMP, cv::CHAIN_APPROX_NONE);
+  for (const std::vector<cv::Point>& contour : contours) {
     std::vector<cv::Point> corners;
-    cv::approxPolyDP(contours[i], corners, 0.5, true);
-    const bool hole = family[i][3] >= 0;
-    if (corners.size() < 3 || (hole && cv::contourArea(contours[i]) * resolution * resolution < kSmallHole)) continue;
+    cv::approxPolyDP(contour, corners, 0.5, true);
+    if (corners.size() < 3) continue;
     geometry_msgs::Polygon polygon;
     for (const cv::Point& corner : corners) {
       geometry_msgs::Point32 point;

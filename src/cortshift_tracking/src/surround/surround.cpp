@@ -70,14 +70,14 @@ Resting restingPieces(const Pieces& pieces, const cv::Mat& brain, const cv::Mat&
       return share;
     };
     const cv::Mat known = tissue != static_cast<uchar>(Tissue::kNone);
+    const cv::Mat share = shareOf(opening);
     cv::Mat wide;
-    cv::dilate(shareOf(opening), wide, cv::Mat());  // an outline is right to about a piece
+    cv::dilate(share, wide, cv::Mat());  // an outline is right to about a piece
     resting = (wide == 0) & known & (tissue != static_cast<uchar>(Tissue::kCloth));
     const cv::Mat inside = (shareOf(brain) == 255) & known;
-    const int all = cv::countNonZero(inside);
-    const bool coloured = 2 * cv::countNonZero(flesh & inside) > all;
+    const bool coloured = 2 * cv::countNonZero(flesh & inside) > cv::countNonZero(inside);
     if (!drawn && coloured) resting &= ~flesh;
-    out.may_be_brain = !drawn && !coloured && all < cv::countNonZero(resting);
+    out.may_be_brain = !drawn && !coloured && cv::countNonZero((share == 255) & known) < cv::countNonZero(resting);
   }
   for (const Piece& piece : pieces.all)
     if (resting.at<uchar>(piece.cell) != 0) out.pieces.push_back(piece);

@@ -27,13 +27,16 @@ TEST(FieldMessage, TheBrainKeepsWhatLiesOnItAsAHole) {
   cv::ellipse(brain, {150, 100}, {120, 80}, 0, 0, 360, 255, cv::FILLED);
   const double whole = cv::countNonZero(brain);
   cv::ellipse(brain, {130, 90}, {40, 30}, 0, 0, 360, 0, cv::FILLED);  // cotton, 8 x 6 mm
-  cv::circle(brain, {220, 100}, 4, 0, cv::FILLED);                    // a glint
+  cv::circle(brain, {130, 90}, 8, 255, cv::FILLED);                   // a window in it
+  cv::circle(brain, {220, 100}, 5, 0, 2);                             // the rim of a glint
   const auto message = toMessage(fieldOf(brain), {}, {}, {});
-  ASSERT_EQ(message.brain.size(), 2u);  // the glint is none
+  ASSERT_EQ(message.brain.size(), 3u);  // the glint is none
   const cv::Mat read = fieldFromMessage(message).brain;
   ASSERT_EQ(read.size(), brain.size());
   EXPECT_LT(cv::countNonZero(read != brain), 0.02 * whole);
-  EXPECT_EQ(read.at<uchar>(90, 130), 0);
+  EXPECT_EQ(read.at<uchar>(90, 110), 0);
+  EXPECT_EQ(read.at<uchar>(90, 130), 255);
+  EXPECT_EQ(read.at<uchar>(100, 220), 255);
 }
 
 TEST(FieldMessage, WhatLiesInTwoOutlinesIsAHole) {

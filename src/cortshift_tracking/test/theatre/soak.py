@@ -163,12 +163,13 @@ def run(options, folder, cleanup):
             memory.sample()
     sampler = threading.Thread(target=watch, daemon=True)
     sampler.start()
+    quiet = until - QUIET if 60 * options.minutes >= LONG else until
     for _ in range(options.kills):
         for node in victims.nodes:
             faults.kill(node)
             time.sleep(1.0)
     if options.faults:
-        faults.run(until - QUIET if 60 * options.minutes >= LONG else until, graph.own_disk)
+        faults.run(quiet, graph.own_disk)
     while time.monotonic() < until and graph.nodes.poll() is None:
         time.sleep(0.2)
     minutes = (time.monotonic() - began) / 60

@@ -124,14 +124,21 @@ class Field:
     def normal_pmr(self):
         return self.T_pmr_projection[:3, 2]
 
-    def on_brain(self, points_pmr):
-        """Whether points (..., 3) lie over the exposed brain; all do where its outline is not known."""
+    def _outlines_around(self, points_pmr):
+        """In how many of the brain's outlines points (..., 3) lie; in one where they are not known."""
         points = np.asarray(points_pmr)
         if not self.brain:
-            return np.ones(points.shape[:-1], bool)
+            return np.ones(points.shape[:-1], int)
         local = (points - self.T_pmr_projection[:3, 3]).reshape(-1, 3) @ self.T_pmr_projection[:3, :2]
-        inside = np.sum([Path(polygon).contains_points(local) for polygon in self.brain], axis=0) % 2 == 1   # a hole lies in two
-        return inside.reshape(points.shape[:-1])
+        return np.sum([Path(polygon).contains_points(local) for polygon in self.brain], axis=0).reshape(points.shape[:-1])
+
+    def on_brain(self, points_pmr):
+        """Whether points (..., 3) lie over the exposed brain; all do where its outline is not known."""
+        return self._outlines_around(points_pmr) % 2 == 1   # a hole lies in two
+
+    def in_opening(self, points_pmr):
+        """Whether points (..., 3) lie over the exposed brain or over what lies on it."""
+        return self._outlines_around(points_pmr) > 0
 
     def at(self, point_pmr, reach=0.0005):
         """Displacement (3,) [m] of the surface at a point: linear between grid points, else the nearest within `reach` [m].

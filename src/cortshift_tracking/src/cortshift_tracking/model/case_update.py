@@ -71,7 +71,7 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
         gone = np.nan_to_num(resected.sample(model.mesh.nodes[model.mesh.tetrahedra].mean(1))) > 0.5
         if not gone.any():
             raise ModelError(f'{resected.source}: the resected part holds nothing of the brain; give a volume in the space of the MR')
-    result = update(model, pulls, gravity, gone, exposed=field.on_brain)
+    result = update(model, pulls, gravity, gone, exposed=field.in_opening)
     now_from_pmr, pmr_from_now = warps_of(model, result, volume)
     moved = Volume(warped(volume, pmr_from_now), volume.T_pmr_voxel, volume.axes, volume.source)
     now_labels = labels_now(model, volume, pmr_from_now, labels)
