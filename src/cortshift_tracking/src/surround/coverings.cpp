@@ -15,8 +15,8 @@ constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 constexpr double kWindow = 0.0014;  // [m] side of the window over which a colour is a mean: noise has any
 constexpr double kReach = 0.001;    // [m] of a thing's edge; what is narrower than twice this is the glint of a vessel
-// Chosen on config/phantom/fit, where cotton goes from every brain with a colour and nothing else does
-// (script/benchmark surround --set config/phantom/fit --only limits).
+// Chosen on config/phantom/fit, where cotton on a brain with a colour is told and nothing else is (script/benchmark
+// surround --set config/phantom/fit --only limits).
 constexpr float kOwnColour = 0.2F;  // of logarithms, between brain and bone: less is the camera's balance
 constexpr float kNearer = 0.5F;     // of the distance to the other colour, at most, to be plainly of the one
 constexpr double kAround = 0.67;    // of the ring around a thing, as far as it lies in the opening

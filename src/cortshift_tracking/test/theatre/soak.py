@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import glob
+import math
 import os
 import pathlib
 import random
@@ -24,7 +25,7 @@ sys.path[:0] = [str(SUPPORT), str(SUPPORT / 'soak')]
 START = 90.0          # s for the graph to be there
 TOPICS = ('/stereo/left/image_raw', '/surface/points', '/microscope/pose', '/tf', '/shift/field', '/diagnostics')
 RECORDED = ('/stereo/left/image_raw', '/tf')
-DISK = '1g'           # of the case
+DISK_FOR = 15         # minutes that 1 GB of the case's disk is enough for
 QUIET = 1500.0        # s without faults at the end of a long run: growth of memory shows only in nodes that live
 LONG = 2400.0         # s of a long run
 LAUNCH = '''<launch>
@@ -80,7 +81,7 @@ class Graph:
         self.folder, self.igtl, self.page = folder, free_port(), free_port()
         (folder / 'case').mkdir()
         self.own_disk = options.own_mounts and subprocess.run(
-            ['mount', '-t', 'tmpfs', '-o', f'size={DISK}', 'none', folder / 'case'], check=False).returncode == 0
+            ['mount', '-t', 'tmpfs', '-o', f'size={max(1, math.ceil(options.minutes / DISK_FOR))}g', 'none', folder / 'case'], check=False).returncode == 0
         if self.own_disk:
             cleanup.callback(subprocess.run, ['umount', '-l', folder / 'case'], check=False)
         port = free_port()
