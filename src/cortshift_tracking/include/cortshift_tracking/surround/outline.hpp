@@ -28,8 +28,8 @@ struct FoundOutline {
 FoundOutline findOutline(const Projection& projection);
 
 /// What an outline must have to be known. `stepped` lies between what right outlines and plainly wrong ones have on
-/// `config/phantom/fit` (script/benchmark surround --set config/phantom/fit --only limits); the others are for views that
-/// the set does not have.
+/// `config/phantom/fit` (script/benchmark surround --set config/phantom/fit --only limits); the others are for views
+/// that the set does not have.
 struct OutlineLimits {
   double seen = 0.65;  ///< a retractor may hide a fifth of the way around, and the view end at some bone
   double stepped = 0.75;
