@@ -56,7 +56,7 @@ std::vector<geometry_msgs::Polygon> polygonsOf(const cv::Mat& mask, double resol
   std::vector<std::vector<cv::Point>> contours;
   std::vector<cv::Vec4i> family;  // next, previous, child, parent
   cv::Mat filled = mask.clone();
-  cv::findContours(mask.clone(), contours, family, cv::RETR_CCOMP, cv::CHAIN_APPROX_NONE);
+  cv::findContours(mask, contours, family, cv::RETR_CCOMP, cv::CHAIN_APPROX_NONE);
   for (std::size_t i = 0; i < contours.size(); ++i)
     if (family[i][3] >= 0 && cv::contourArea(contours[i]) * resolution * resolution < kSmallHole)
       cv::drawContours(filled, contours, static_cast<int>(i), 255, cv::FILLED);  // with what lies in it

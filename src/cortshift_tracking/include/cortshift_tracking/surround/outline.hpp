@@ -43,9 +43,9 @@ std::string doubtOf(const FoundOutline& found, const OutlineLimits& limits = {})
 /// any. Where two bodies meet their surfaces form a crease (Hoffman and Richards, Parts of recognition, Cognition
 /// 18:65-96, 1984): the brain ends at the deepest closed crease, about which bone stands up. Known where, nearly all
 /// around, the edge is in view, bone is higher there than the brain would be if it went on, and colours differ at that
-/// same place. What stands out by a step of depth (instruments) is no brain, nor what has the paleness
-/// of bone and an edge (cotton, a flap of dura). Cotton that lies flat is not told from tissue without a colour of its
-/// own, nor where it covers more than half of what is seen of the brain. The same each time.
+/// same place. What stands out by a step of depth (instruments) is no brain, nor what has the paleness of bone and an
+/// edge (cotton, a flap of dura). Cotton that lies flat is not told from tissue without a colour of its own, nor where
+/// it covers more than half of what is seen of the brain, nor always over the rim. The same each time.
 Outline proposeOutline(const Projection& projection);
 
 }  // namespace cortshift_tracking
