@@ -145,6 +145,13 @@ class Abandonment {
   std::chrono::steady_clock::time_point with_parent_ = std::chrono::steady_clock::now();
 };
 
+/// What roscpp asks of the master for the first line that it logs. Said only when another takes this one's name, that line
+/// would register this one anew, and the master would end the other one too.
+void askBeforeOthersCome() {
+  bool unused;
+  ros::param::getCached("/rosout_disable_topics_generation", unused);
+}
+
 ros::Subscriber subscribe(ros::NodeHandle& node, const std::string& topic, Inbox& inbox) {
   using Event = ros::MessageEvent<topic_tools::ShapeShifter const>;
   ros::SubscribeOptions options;
@@ -163,6 +170,7 @@ ros::Subscriber subscribe(ros::NodeHandle& node, const std::string& topic, Inbox
 int record(const Options& options) {
   Inbox inbox;
   ros::NodeHandle node;
+  askBeforeOthersCome();
   std::set<std::string> held;
   for (const std::string& topic : options.held) held.insert(node.resolveName(topic));
   std::vector<ros::Subscriber> subscribers;

@@ -130,6 +130,9 @@ class Recorder(unittest.TestCase):
         wait_until(lambda: glob.glob(folder + '/*.bag'), 30, 'the end of the first recording')
         first, = glob.glob(folder + '/*.bag')
         wait_until(lambda: any(os.path.getsize(path) > 20000 for path in glob.glob(folder + '/*.active')), 30, 'the next recording')
+        type(self).status = None
+        wait_until(lambda: self.status is not None, 30, 'diagnostics')
+        self.assertEqual((self.status.level, self.status.message), (DiagnosticStatus.OK, 'recording'))   # the first did not end the next one
         self.stop()
         headers = self.headers(first)
         self.assertEqual([h.seq for h in headers], list(range(headers[0].seq, headers[0].seq + len(headers))))   # without a gap
