@@ -76,11 +76,8 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
     throw TrackingError("the two surfaces do not overlap in the projection; check the registration of both stages");
   const double projection_seconds = watch.lap();
 
-  const ProjectionMatch match =
+  ProjectionMatch match =
       matchProjections(result.earlier, result.later, earlier.usable, later_usable, settings.matching, prediction);
-  result.flow = match.flow;
-  const double flow_seconds = watch.lap();
-
   const auto pixelOf = [&](const Projection& projection, const std::optional<PlacedCamera>& camera) {
     const double spacing = projection.max_edge / settings.projection.max_edge_ratio * projection.resolution;
     return pixelOfDisparity(projection, spacing, earlier.frame, camera, knowledge.baseline);
@@ -91,10 +88,29 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
                           match.confidence,
                           pixelOf(result.earlier, knowledge.earlier),
                           pixelOf(result.later, knowledge.later)};
-  const cv::Mat height_errors = heightErrorsOf(measured);
-  VectorEvidence evidence =
-      evidenceOf(result.earlier, result.later, match, height_errors, earlier.usable, later_usable, settings.trust);
-  const cv::Mat confidence = confidenceOf(evidence, settings.trust);
+  VectorEvidence evidence;
+  cv::Mat probability;
+  const auto judge = [&] {
+    evidence = evidenceOf(result.earlier, result.later, match, heightErrorsOf(measured), earlier.usable, later_usable,
+                          settings.trust);
+    probability = probabilityOfMatch(evidence);
+  };
+  double flow_seconds = watch.lap();
+  judge();
+  if (!prediction.empty() && settings.matching.channels == "auto" &&
+      !isFollowed(probability, earlier.usable, later_usable)) {
+    // No first look has chosen the channels, and tissue may bleed since the moment before.
+    ImageMatchingSettings other = settings.matching;
+    other.channels = chooseChannels(result.earlier, result.later, earlier.usable, later_usable, settings.matching);
+    if (other.channels != match.channels) {
+      match = matchProjections(result.earlier, result.later, earlier.usable, later_usable, other, prediction);
+      judge();
+    }
+    flow_seconds += watch.lap();
+  }
+  result.flow = match.flow;
+  const cv::Mat height_errors = evidence.height_errors;
+  const cv::Mat confidence = confidenceOf(evidence, probability, settings.trust);
   if (settings.with_evidence) result.evidence = std::move(evidence);
   result.field = invert(earlier.frame, result.earlier, result.later, match.flow, confidence, settings.inversion);
   if (settings.with_own_points) {

@@ -43,6 +43,11 @@ void FrameCollector::offer(const PosedFrame& frame) {
   offered_.notify_all();
 }
 
+bool FrameCollector::awaited() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return gathered_.has_value();
+}
+
 void FrameCollector::close() {
   {
     const std::lock_guard<std::mutex> lock(mutex_);

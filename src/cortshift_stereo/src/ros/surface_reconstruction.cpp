@@ -1,8 +1,10 @@
 #include "cortshift_stereo/ros/surface_reconstruction.hpp"
 
+#include <std_msgs/Empty.h>
 #include <stereo_msgs/DisparityImage.h>
 
 #include <algorithm>
+#include <boost/make_shared.hpp>
 #include <chrono>
 #include <cmath>
 #include <exception>
@@ -22,6 +24,7 @@ std::string text(double value) { return cortshift_flow::formatted("%.4g", value)
 std::string text(const ros::Time& stamp) { return cortshift_flow::formatted("%u.%09u", stamp.sec, stamp.nsec); }
 
 constexpr std::size_t kImagesKept = 8;                // of each side: a surface is made within a few periods
+constexpr std::chrono::milliseconds kLook{100};       // whether whoever asked for surfaces has fallen silent
 constexpr std::chrono::milliseconds kLateInput{200};  // topics do not overtake one another by more
 
 /// Image topics that somebody publishes and this node does not listen to.
@@ -58,13 +61,18 @@ ros::Subscriber SurfaceReconstruction::subscribe(const std::string& topic, Side 
   });
 }
 
-SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const SurfaceReconstructionParameters& parameters)
+SurfaceReconstruction::SurfaceReconstruction(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
+                                             const SurfaceReconstructionParameters& parameters)
     : parameters_(parameters),
       node_(node),
       poses_(parameters.max_pose_gap),
       synchroniser_(std::llround(1e9 * parameters.sync_tolerance), parameters.pair_timeout),
       reconstruction_(parameters),
-      collector_(parameters.average) {
+      collector_(parameters.average),
+      data_spinner_(1, &data_queue_),
+      service_spinner_(2, &service_queue_),
+      updater_(node, private_node, private_node.getNamespace()) {
+  node_.setCallbackQueue(&data_queue_);
   calibrated_settings_ = reconstruction_.calibratedSettings();
   points_publisher_ = node_.advertise<sensor_msgs::PointCloud2>("surface/points", 2);
   status_publisher_ = node_.advertise<cortshift_msgs::SurfaceStatus>("surface/status", 8);
@@ -83,16 +91,22 @@ SurfaceReconstruction::SurfaceReconstruction(ros::NodeHandle node, const Surface
         settings_.add(message);
         input_arrived_.notify_all();
       }));
+  subscribers_.push_back(
+      node_.subscribe<std_msgs::Empty>("surface/wanted", 10, [this](const std_msgs::Empty::ConstPtr&) {
+        const std::lock_guard<std::mutex> lock(input_mutex_);
+        demand_.want(std::chrono::steady_clock::now());
+        input_arrived_.notify_all();
+      }));
   unpaired_timer_ =
       node_.createWallTimer(ros::WallDuration(0.1), [this](const ros::WallTimerEvent&) { reportUnpaired(); });
   diagnostics_timer_ =
       node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
   worker_ = std::thread([this] { work(); });
-  ros::NodeHandle services("~");
+  ros::NodeHandle services(private_node);
   services.setCallbackQueue(&service_queue_);  // a request waits for pairs
   average_service_ = services.advertiseService("average_pairs", &SurfaceReconstruction::averagePairs, this);
-  service_spinner_ = std::make_unique<ros::AsyncSpinner>(2, &service_queue_);
-  service_spinner_->start();
+  data_spinner_.start();
+  service_spinner_.start();
 }
 
 SurfaceReconstruction::~SurfaceReconstruction() {
@@ -102,7 +116,8 @@ SurfaceReconstruction::~SurfaceReconstruction() {
   }
   input_arrived_.notify_all();
   collector_.close();
-  service_spinner_->stop();
+  data_spinner_.stop();
+  service_spinner_.stop();
   worker_.join();
 }
 
@@ -143,7 +158,11 @@ void SurfaceReconstruction::work() {
     std::optional<Synchroniser::Pair> pair;
     {
       std::unique_lock<std::mutex> lock(input_mutex_);
-      input_arrived_.wait(lock, [this] { return stop_ || newest_; });
+      const auto ready = [this] {
+        return stop_ || (newest_ && (collector_.awaited() || demand_.waits(std::chrono::steady_clock::now())));
+      };
+      while (!input_arrived_.wait_for(lock, kLook, ready)) {
+      }
       if (stop_) return;
       pair = std::exchange(newest_, std::nullopt);
     }
@@ -175,7 +194,11 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
   header.frame_id = parameters_.map_frame;
   const cortshift_msgs::SurfaceStatus status = statusOf(header, surface.warnings);
   status_publisher_.publish(status);
-  points_publisher_.publish(toPointCloud2(surface.surface_map, header));
+  points_publisher_.publish(boost::make_shared<sensor_msgs::PointCloud2>(toPointCloud2(surface.surface_map, header)));
+  {
+    const std::lock_guard<std::mutex> lock(input_mutex_);
+    demand_.served();
+  }
   if (disparity_publisher_.getNumSubscribers() > 0) {
     header.frame_id = parameters_.camera_frame;
     disparity_publisher_.publish(toDisparityImage(surface.result.disparity, surface.frame.rectifier->model(),

@@ -225,10 +225,14 @@ FlowResult look(const Pair& pair, const cv::Mat& guess, const cv::Mat& domain, b
 }
 
 /// Part of what both images show that has settled.
-double partOf(const cv::Mat& settled, const Pair& pair) {
-  const cv::Mat overlap = pair.first.usable & pair.second.usable;
+double partOf(const cv::Mat& settled, const cv::Mat& first_usable, const cv::Mat& second_usable) {
+  const cv::Mat overlap = first_usable & second_usable;
   const int all = cv::countNonZero(overlap);
   return all == 0 ? 0.0 : static_cast<double>(cv::countNonZero(settled & overlap)) / all;
+}
+
+double partOf(const cv::Mat& settled, const Pair& pair) {
+  return partOf(settled, pair.first.usable, pair.second.usable);
 }
 
 }  // namespace
@@ -245,6 +249,10 @@ void ImageMatchingSettings::validate() const {
 }
 
 cv::Mat predictionOf(const cv::Mat& flow, const cv::Mat& confidence) { return continued(flow, confidence >= kSettled); }
+
+bool isFollowed(const cv::Mat& probability, const cv::Mat& earlier_usable, const cv::Mat& later_usable) {
+  return partOf(probability >= kSettled, earlier_usable, later_usable) >= kFollowed;
+}
 
 std::string chooseChannels(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
                            const cv::Mat& later_usable, const ImageMatchingSettings& settings) {
@@ -309,8 +317,9 @@ ProjectionMatch matchProjections(const Projection& earlier, const Projection& la
   const Pair pair = pairAt(1);
   const FlowResult result = look(pair, guess, domain, rounds <= 0, settings);
   if (rounds <= 0) {
-    // No first look has chosen the channels, as when the flow of the moment before leads: tissue may bleed since.
-    if (settings.channels != "auto" || partOf(settledMask(pair, result), pair) >= kFollowed) return {result, channels};
+    if (!prediction.empty() || settings.channels != "auto") return {result, channels};
+    // No first look has chosen the channels.
+    if (partOf(settledMask(pair, result), pair) >= kFollowed) return {result, channels};
     channels = chooseChannels(earlier, later, earlier_usable, later_usable, settings);
     return {channels == "rgb" ? result : look(pairAt(1), guess, domain, true, settings), channels};
   }

@@ -54,6 +54,20 @@ std::vector<Span> rowSpans(const cv::Mat& vertices) {
   return spans;
 }
 
+/// Whether a quad surely covers no grid point: most do not where pixels are finer than the grid.
+bool isBetweenGridPoints(const cv::Vec3f& a, const cv::Vec3f& b, const cv::Vec3f& c, const cv::Vec3f& d) {
+  constexpr float kFar = 1e6F;  // [grid units]
+  for (int i = 0; i < 2; ++i) {
+    const float low = std::min(std::min(a[i], b[i]), std::min(c[i], d[i]));
+    const float high = std::max(std::max(a[i], b[i]), std::max(c[i], d[i]));
+    if (!(std::abs(high) < kFar)) continue;    // nor NaN
+    const int whole = static_cast<int>(high);  // std::floor takes as long as all the rest
+    const int below = static_cast<float>(whole) > high ? whole - 1 : whole;
+    if (low > static_cast<float>(below)) return true;
+  }
+  return false;
+}
+
 class Rasteriser {
  public:
   Rasteriser(const cv::Mat& confidence, double fold_tolerance, Projection& out)
@@ -71,6 +85,7 @@ class Rasteriser {
       const auto* upper = vertices.ptr<cv::Vec3f>(row);
       const auto* lower = vertices.ptr<cv::Vec3f>(row + 1);
       for (int column = 0; column + 1 < vertices.cols; ++column) {
+        if (isBetweenGridPoints(upper[column], upper[column + 1], lower[column], lower[column + 1])) continue;
         drawTriangle(upper[column], upper[column + 1], lower[column], 0, column, row, first, last);
         drawTriangle(lower[column + 1], lower[column], upper[column + 1], 1, column, row, first, last);
       }

@@ -165,8 +165,13 @@ VectorEvidence evidenceOf(const Projection& earlier, const Projection& later, co
   return evidence;
 }
 
-cv::Mat confidenceOf(const VectorEvidence& evidence, const TrustSettings& settings) {
-  cv::Mat confidence = probabilityOfMatch(evidence.flow_confidence, evidence.agreement, evidence.resolution);
+cv::Mat probabilityOfMatch(const VectorEvidence& evidence) {
+  return probabilityOfMatch(evidence.flow_confidence, evidence.agreement, evidence.resolution);
+}
+
+cv::Mat confidenceOf(const VectorEvidence& evidence, const cv::Mat& probability_of_match,
+                     const TrustSettings& settings) {
+  cv::Mat confidence = probability_of_match.clone();
   parallelRanges(confidence.rows, 0, [&](int first, int last) {
     for (int row = first; row < last; ++row)
       for (int column = 0; column < confidence.cols; ++column)

@@ -5,7 +5,9 @@ import shutil
 import subprocess
 import sys
 import unittest
+import xmlrpc.client
 
+import rosgraph
 import rospy
 import rostest
 from cortshift_msgs.srv import SetPhantomStage
@@ -42,9 +44,18 @@ class TwoGraphs(unittest.TestCase):
         self.assertTrue(field_arrays(fields['/or1'])[0].size)
         self.diagnostics.wait_for('or1/shift_tracker: state', live='off')
         self.diagnostics.wait_for('or2/shift_tracker: state', live='off')
+        self.pixels_without_sockets()
         self.programs_of_others()
         outside = {name for name, _ in rospy.get_published_topics() if not name.startswith(('/or1/', '/or2/'))}
         self.assertLessEqual(outside, GLOBAL)
+
+    def pixels_without_sockets(self):
+        """In one process images and surfaces go from publisher to subscriber as pointers."""
+        node = xmlrpc.client.ServerProxy(rosgraph.Master('/two_graphs').lookupNode('/or2/stereo_to_shift'))
+        _, _, connections = node.getBusInfo('/two_graphs')
+        for topic in ('stereo/left/image_raw', 'stereo/right/image_raw', 'surface/points'):
+            ways = {connection[3] for connection in connections if connection[4] == '/or2/' + topic}
+            self.assertEqual(ways, {'INTRAPROCESS'}, topic)
 
     def programs_of_others(self):
         """The examples, each in the graph that it is told."""

@@ -16,6 +16,8 @@ namespace {
 
 cv::Mat fullMask(int columns, int rows) { return cv::Mat(rows, columns, CV_8UC1, cv::Scalar(255)); }
 
+cv::Mat confidenceBy(const VectorEvidence& evidence) { return confidenceOf(evidence, probabilityOfMatch(evidence)); }
+
 /// A covered projection of random texture.
 Projection textured(cv::Size size, std::uint64_t seed) {
   Projection projection;
@@ -175,7 +177,7 @@ TEST(Confidence, AFewVectorsAmidWrongOnesAreNotBelieved) {
     cv::Mat flow = restless.clone();
     flow(patch).setTo(0);
     const cv::Mat all = fullMask(300, 300);
-    return confidenceOf(evidenceOf(earlier, later, matchOf(flow), exact, all, all)).at<float>(150, 150);
+    return confidenceBy(evidenceOf(earlier, later, matchOf(flow), exact, all, all)).at<float>(150, 150);
   };
   EXPECT_EQ(agreeingIn(24), 0);
   EXPECT_GT(agreeingIn(120), 0.8F);
@@ -188,13 +190,13 @@ TEST(Confidence, UnsureSurfacesAndTheBorderOfBothStagesLowerIt) {
   later.colour = earlier.colour.clone();
   const cv::Mat all = fullMask(200, 200);
   cv::Mat flow = cv::Mat::zeros(200, 200, CV_32FC2);
-  cv::Mat confidence = confidenceOf(evidenceOf(earlier, later, matchOf(flow), errors, all, all));
+  cv::Mat confidence = confidenceBy(evidenceOf(earlier, later, matchOf(flow), errors, all, all));
   EXPECT_GT(confidence.at<float>(100, 100), 0.9F);
   const float share = std::erf(0.25F / (0.3F * kExpectedTooLittle * std::sqrt(2.0F)));
   EXPECT_NEAR(confidence.at<float>(100, 110), share * confidence.at<float>(100, 100), 0.001F);
   EXPECT_EQ(confidence.at<float>(10, 100), 0);      // 1 mm from the border
   flow.at<cv::Vec2f>(100, 100) = cv::Vec2f(85, 0);  // ends 1.5 mm from the border
-  confidence = confidenceOf(evidenceOf(earlier, later, matchOf(flow), errors, all, all));
+  confidence = confidenceBy(evidenceOf(earlier, later, matchOf(flow), errors, all, all));
   EXPECT_EQ(confidence.at<float>(100, 100), 0);
 }
 
@@ -207,7 +209,7 @@ TEST(Confidence, IsThatOfTheChannelsThatTheFlowSaw) {
   cv::mixChannels(&earlier.colour, 1, &later.colour, 1, blue, 1);
   const cv::Mat all = fullMask(200, 200);
   const auto odds = [&](const char* channels) {
-    const cv::Mat confidence = confidenceOf(evidenceOf(earlier, later, matchOf(still, channels), exact, all, all));
+    const cv::Mat confidence = confidenceBy(evidenceOf(earlier, later, matchOf(still, channels), exact, all, all));
     const double mean = cv::mean(confidence(cv::Rect(50, 50, 100, 100)))[0];
     return mean / (1 - mean);
   };

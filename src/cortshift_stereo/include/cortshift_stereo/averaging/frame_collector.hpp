@@ -40,13 +40,16 @@ class FrameCollector {
 
   void offer(const PosedFrame& frame);
 
+  /// Whether somebody waits.
+  bool awaited() const;
+
   /// Whoever waits, now or later, is refused.
   void close();
 
  private:
   ViewTolerance tolerance_;
   std::mutex waiting_mutex_;  // held by the one who waits
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::condition_variable offered_;
   std::optional<Gathered> gathered_;
   std::int64_t since_ns_ = 0;

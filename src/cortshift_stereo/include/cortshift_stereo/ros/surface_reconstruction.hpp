@@ -25,13 +25,15 @@
 #include "cortshift_stereo/ros/pair_reconstruction.hpp"
 #include "cortshift_stereo/ros/pose_lookup.hpp"
 #include "cortshift_stereo/ros/stamped_history.hpp"
+#include "cortshift_stereo/ros/surface_demand.hpp"
 #include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
 
 namespace cortshift_stereo {
 
 /// Parameters: SurfaceReconstructionParameters, as private parameters of the node.
 /// Subscribes: stereo/{left,right}/image_raw and .../image_raw/compressed, stereo/{left,right}/camera_info,
-///   microscope/settings, /tf, /tf_static.
+///   microscope/settings, /tf, /tf_static, surface/wanted (Empty: whoever publishes there is ready for the next
+///   surface, and gets one for each such message, see SurfaceDemand).
 /// Publishes: surface/points (PointCloud2, organised like the rectified left image, frame `map_frame`, stamp of the
 ///   pair), surface/status (SurfaceStatus, before those points: their warnings), surface/disparity (DisparityImage),
 ///   /diagnostics with the status "surface".
@@ -42,7 +44,8 @@ namespace cortshift_stereo {
 class SurfaceReconstruction {
  public:
   /// @throws CalibrationError if settings_calibration cannot be used
-  SurfaceReconstruction(ros::NodeHandle node, const SurfaceReconstructionParameters& parameters);
+  SurfaceReconstruction(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
+                        const SurfaceReconstructionParameters& parameters);
   ~SurfaceReconstruction();
 
   SurfaceReconstruction(const SurfaceReconstruction&) = delete;
@@ -81,13 +84,15 @@ class SurfaceReconstruction {
   void publishDiagnostics();
 
   SurfaceReconstructionParameters parameters_;
-  ros::NodeHandle node_;
+  ros::CallbackQueue data_queue_;
+  ros::NodeHandle node_;  // its callbacks go there
   PoseLookup poses_;
 
   std::mutex input_mutex_;
   std::condition_variable input_arrived_;
   Synchroniser synchroniser_;
   std::optional<Synchroniser::Pair> newest_;
+  SurfaceDemand demand_;
   StampedHistory<sensor_msgs::CameraInfo> infos_[2];
   StampedHistory<cortshift_msgs::MicroscopeSettings> settings_;
   struct Received {
@@ -117,7 +122,7 @@ class SurfaceReconstruction {
 
   ros::CallbackQueue service_queue_;
   ros::ServiceServer average_service_;
-  std::unique_ptr<ros::AsyncSpinner> service_spinner_;
+  ros::AsyncSpinner data_spinner_, service_spinner_;
   ros::Publisher points_publisher_;
   ros::Publisher status_publisher_;
   ros::Publisher disparity_publisher_;

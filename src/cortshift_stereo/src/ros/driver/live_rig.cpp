@@ -47,10 +47,12 @@ geometry_msgs::TransformStamped edge(const std::string& parent, const std::strin
 
 }  // namespace
 
-LiveRig::LiveRig(const StereoDriverParameters& parameters)
+LiveRig::LiveRig(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
+                 const StereoDriverParameters& parameters)
     : pose_wait_(parameters.rate > 0 ? std::min(parameters.live.max_pose_gap, kShareOfPeriod / parameters.rate)
                                      : parameters.live.max_pose_gap),
-      poses_(parameters.live.max_pose_gap) {
+      poses_(parameters.live.max_pose_gap),
+      updater_(node, private_node, private_node.getNamespace()) {
   const LiveParameters& live = parameters.live;
   const StereoModel model = readStereoModelYaml(live.calibration_left, live.calibration_right);
   if (parameters.source == "aravis")
@@ -61,8 +63,8 @@ LiveRig::LiveRig(const StereoDriverParameters& parameters)
   if (!cameras_) return;
   updater_.setHardwareID(live.aravis.left.device + " " + live.aravis.right.device);
   updater_.add("cameras", this, &LiveRig::diagnose);
-  diagnostics_timer_ = ros::NodeHandle().createWallTimer(
-      ros::WallDuration(kDiagnosticsPeriod), [this](const ros::WallTimerEvent&) { updater_.force_update(); });
+  diagnostics_timer_ = node.createWallTimer(ros::WallDuration(kDiagnosticsPeriod),
+                                            [this](const ros::WallTimerEvent&) { updater_.force_update(); });
 }
 
 std::optional<Eigen::Isometry3d> LiveRig::T_reference_microscope(Stamp time) {

@@ -50,14 +50,16 @@ double stillMargin(const StereoDriverParameters& parameters) {
 
 }  // namespace
 
-PhantomRig::PhantomRig(const StereoDriverParameters& parameters)
+PhantomRig::PhantomRig(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
+                       const StereoDriverParameters& parameters)
     : parameters_(parameters),
+      private_node_(private_node),
       source_(std::make_shared<PhantomSource>(cortshift_stereo_phantom::loadPhantomCase(parameters.phantom_case),
                                               parameters.stage, motionSettings(parameters), stillMargin(parameters),
                                               rosNow)),
-      tracker_(std::make_unique<SimulatedTracker>(trackerSettings(parameters))) {
+      tracker_(std::make_unique<SimulatedTracker>(trackerSettings(parameters))),
+      updater_(node, private_node, private_node.getNamespace()) {
   sendStaticTransforms();
-  ros::NodeHandle node;
   if (!parameters_.fault_no_tracker)
     timer_ = node.createTimer(ros::Duration(1 / parameters_.tracker_rate), [this](const ros::TimerEvent&) { track(); });
   updater_.setHardwareID("phantom " + source_->scene().description().name);
@@ -76,8 +78,8 @@ std::shared_ptr<StereoSource> PhantomRig::source() const {
 
 void PhantomRig::prepare() { source_->prepare(); }
 
-void PhantomRig::offerStages(ros::NodeHandle private_node) {
-  set_stage_ = private_node.advertiseService("set_stage", &PhantomRig::setStage, this);
+void PhantomRig::offerStages() {
+  set_stage_ = private_node_.advertiseService("set_stage", &PhantomRig::setStage, this);
 }
 
 std::optional<Eigen::Isometry3d> PhantomRig::T_reference_microscope(Stamp time) const {
@@ -120,7 +122,7 @@ bool PhantomRig::setStage(cortshift_msgs::SetPhantomStage::Request& request,
     const Stamp ready = source_->setStage(request.stage);
     const Stamp reported = ready + fromSeconds(parameters_.tracker_latency + kSettling);
     ros::Time::sleepUntil(toRosTime(reported));
-    ros::param::set("~stage", request.stage);  // where this node goes on, should it be started again
+    private_node_.setParam("stage", request.stage);  // where this node goes on, should it be started again
     response.success = true;
     response.message = "the phantom is at stage " + request.stage;
     ROS_INFO_STREAM(response.message);

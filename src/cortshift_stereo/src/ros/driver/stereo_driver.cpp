@@ -32,7 +32,7 @@ StereoDriver::StereoDriver(const ros::NodeHandle& node, const ros::NodeHandle& p
       pose_at_(std::move(pose_at)),
       calibration_(source_->calibration()),
       last_diagnosis_(ros::Time::now()),
-      updater_(node, private_node) {
+      updater_(node, private_node, private_node.getNamespace()) {
   calibration_.validate();
   ros::NodeHandle public_node(node), own_node(private_node);
   constexpr int kQueue = 4;

@@ -38,13 +38,18 @@ cv::Mat flowImage(const cv::Mat& colour, const cv::Mat& usable, const std::strin
 std::string chooseChannels(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
                            const cv::Mat& later_usable, const ImageMatchingSettings& settings = {});
 
+/// Whether a match is good enough that no other channels need be tried.
+/// @param probability CV_32FC1 0...1 that each vector is right, see probabilityOfMatch
+bool isFollowed(const cv::Mat& probability, const cv::Mat& earlier_usable, const cv::Mat& later_usable);
+
 struct ProjectionMatch : cortshift_flow::FlowResult {
   std::string channels;  ///< what the flow saw: rgb, green, blue or luminance
 };
 
 /// Flow [grid units] from the earlier to the later projection.
 /// @param earlier_usable, later_usable CV_8UC1: 0 where the image must not count (holes, folds, glare, exclusions)
-/// @param prediction CV_32FC2 [grid units], for instance of the moment before, to start from; or empty
+/// @param prediction CV_32FC2 [grid units], for instance of the moment before, to start from; or empty. With it no other
+///   channels than rgb are tried where the settings leave them open: see isFollowed.
 ProjectionMatch matchProjections(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
                                  const cv::Mat& later_usable, const ImageMatchingSettings& settings = {},
                                  const cv::Mat& prediction = {});

@@ -48,9 +48,14 @@ VectorEvidence evidenceOf(const Projection& earlier, const Projection& later, co
                           const cv::Mat& height_errors, const cv::Mat& earlier_usable, const cv::Mat& later_usable,
                           const TrustSettings& settings = {});
 
+/// CV_32FC1 0...1 over the earlier image, of the images alone: see the other functions of this name.
+cv::Mat probabilityOfMatch(const VectorEvidence& evidence);
+
 /// CV_32FC1 0...1 over the earlier image, the probability that a vector is right to 0.25 mm: probabilityOfMatch times
 /// probabilityOfHeight; 0 where a vector is not allowed, and in patches smaller than four windows in which the images
 /// are compared.
-cv::Mat confidenceOf(const VectorEvidence& evidence, const TrustSettings& settings = {});
+/// @param probability_of_match of the evidence
+cv::Mat confidenceOf(const VectorEvidence& evidence, const cv::Mat& probability_of_match,
+                     const TrustSettings& settings = {});
 
 }  // namespace cortshift_tracking

@@ -143,7 +143,7 @@ void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
   while (wanted_) {
     try {
       prepare();
-      const sensor_msgs::PointCloud2ConstPtr surface = feed_.inbox().waitForNewer(seen, kLook);
+      const sensor_msgs::PointCloud2ConstPtr surface = feed_.next(seen, kLook);
       if (!surface) continue;
       prepare();  // what was excluded during the wait counts already
       cortshift_msgs::StageInfo to = stateAt(surface->header.stamp);

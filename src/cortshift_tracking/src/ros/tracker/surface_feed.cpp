@@ -1,6 +1,7 @@
 #include "cortshift_tracking/ros/tracker/surface_feed.hpp"
 
 #include <ros/console.h>
+#include <std_msgs/Empty.h>
 
 #include <chrono>
 #include <iterator>
@@ -20,7 +21,13 @@ const char* const kReconstructionStatus = "surface_reconstruction: surface";
 SurfaceFeed::SurfaceFeed(ros::NodeHandle& node)
     : surfaces_(node.subscribe("surface/points", 2, &SurfaceFeed::onSurface, this)),
       status_(node.subscribe("surface/status", 8, &SurfaceFeed::onStatus, this)),
-      diagnostics_(node.subscribe("/diagnostics", 20, &SurfaceFeed::onDiagnostics, this)) {}
+      diagnostics_(node.subscribe("/diagnostics", 20, &SurfaceFeed::onDiagnostics, this)),
+      wanted_(node.advertise<std_msgs::Empty>("surface/wanted", 1)) {}
+
+sensor_msgs::PointCloud2ConstPtr SurfaceFeed::next(unsigned long& seen, std::chrono::milliseconds patience) const {
+  wanted_.publish(std_msgs::Empty());
+  return inbox_.waitForNewer(seen, patience);
+}
 
 void SurfaceFeed::onSurface(const sensor_msgs::PointCloud2ConstPtr& surface) {
   std::string reason;

@@ -20,7 +20,7 @@ class AravisSource;
 class LiveRig {
  public:
   /// @throws CalibrationError, std::invalid_argument
-  explicit LiveRig(const StereoDriverParameters& parameters);
+  LiveRig(const ros::NodeHandle& node, const ros::NodeHandle& private_node, const StereoDriverParameters& parameters);
 
   std::shared_ptr<StereoSource> source() const { return source_; }
 

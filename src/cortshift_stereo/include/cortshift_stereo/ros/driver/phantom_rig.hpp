@@ -24,7 +24,8 @@ class SimulatedTracker;
 class PhantomRig {
  public:
   /// @throws cortshift_stereo_phantom::PhantomCaseError
-  explicit PhantomRig(const StereoDriverParameters& parameters);
+  PhantomRig(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
+             const StereoDriverParameters& parameters);
   ~PhantomRig();
 
   PhantomRig(const PhantomRig&) = delete;
@@ -36,7 +37,7 @@ class PhantomRig {
   void prepare();
 
   /// From now on ~set_stage is answered.
-  void offerStages(ros::NodeHandle private_node);
+  void offerStages();
 
   /// Exact pose of the microscope; nothing where the tracker is off.
   std::optional<Eigen::Isometry3d> T_reference_microscope(Stamp time) const;
@@ -48,6 +49,7 @@ class PhantomRig {
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
 
   StereoDriverParameters parameters_;
+  ros::NodeHandle private_node_;
   std::shared_ptr<PhantomSource> source_;
   std::unique_ptr<SimulatedTracker> tracker_;
   std::mutex status_mutex_;

@@ -95,4 +95,10 @@ class StereoDriver {
   ros::WallTimer diagnostics_timer_;
 };
 
+/// Takes and publishes pairs of the source that the parameters name until the process is asked to end. See
+/// StereoDriver, PhantomRig and LiveRig for parameters, topics and services.
+/// @param private_node  the names of its parameters, services and diagnostics begin with this one's namespace
+/// @throws ParameterError, CalibrationError, cortshift_stereo_phantom::PhantomCaseError, std::invalid_argument
+void runStereoDriver(const ros::NodeHandle& node, const ros::NodeHandle& private_node);
+
 }  // namespace cortshift_stereo

@@ -4,9 +4,11 @@
 #include <cortshift_msgs/SurfaceStatus.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/node_handle.h>
+#include <ros/publisher.h>
 #include <ros/subscriber.h>
 #include <sensor_msgs/PointCloud2.h>
 
+#include <chrono>
 #include <condition_variable>
 #include <map>
 #include <mutex>
@@ -23,11 +25,18 @@ namespace cortshift_tracking {
 ///   /surface/points [sensor_msgs/PointCloud2] organised surface in pmr
 ///   /surface/status [cortshift_msgs/SurfaceStatus] what goes with each of them
 ///   /diagnostics [diagnostic_msgs/DiagnosticArray] why the reconstruction dropped a pair
+/// Publishes, while somebody asks for one after another:
+///   /surface/wanted [std_msgs/Empty] the next surface is waited for
 class SurfaceFeed {
  public:
   explicit SurfaceFeed(ros::NodeHandle& node);
 
   const SurfaceInbox& inbox() const { return inbox_; }
+
+  /// The next surface that has not been seen, of a pair taken from now on as far as the reconstruction allows. Null
+  /// where none comes.
+  /// @param seen  count of surfaces that are known already; 0 at first
+  sensor_msgs::PointCloud2ConstPtr next(unsigned long& seen, std::chrono::milliseconds patience) const;
 
   /// What the reconstruction says of the surface of this stamp; it may come a moment after the surface. Null where it
   /// says nothing.
@@ -61,6 +70,7 @@ class SurfaceFeed {
   mutable cortshift_stereo::ClockWatch clock_;
   mutable std::string clock_trouble_;  // as of the last report
   ros::Subscriber surfaces_, status_, diagnostics_;
+  ros::Publisher wanted_;
 };
 
 }  // namespace cortshift_tracking
