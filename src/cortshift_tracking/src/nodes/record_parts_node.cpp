@@ -145,8 +145,8 @@ class Abandonment {
   std::chrono::steady_clock::time_point with_parent_ = std::chrono::steady_clock::now();
 };
 
-/// What roscpp asks of the master for the first line that it logs. Said only when another takes this one's name, that line
-/// would register this one anew, and the master would end the other one too.
+/// What roscpp asks of the master for the first line that it logs. Said only when another takes this one's name, that
+/// line would register this one anew, and the master would end the other one too.
 void askBeforeOthersCome() {
   bool unused;
   ros::param::getCached("/rosout_disable_topics_generation", unused);
