@@ -95,7 +95,6 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
                           settings.trust);
     probability = probabilityOfMatch(evidence);
   };
-  double flow_seconds = watch.lap();
   judge();
   if (!prediction.empty() && settings.matching.channels == "auto" &&
       !isFollowed(probability, earlier.usable, later_usable)) {
@@ -106,8 +105,8 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
       match = matchProjections(result.earlier, result.later, earlier.usable, later_usable, other, prediction);
       judge();
     }
-    flow_seconds += watch.lap();
   }
+  const double flow_seconds = watch.lap();
   result.flow = match.flow;
   const cv::Mat height_errors = evidence.height_errors;
   const cv::Mat confidence = confidenceOf(evidence, probability, settings.trust);

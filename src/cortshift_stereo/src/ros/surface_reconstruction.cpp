@@ -1,6 +1,6 @@
 #include "cortshift_stereo/ros/surface_reconstruction.hpp"
 
-#include <std_msgs/Empty.h>
+#include <std_msgs/Header.h>
 #include <stereo_msgs/DisparityImage.h>
 
 #include <algorithm>
@@ -92,9 +92,9 @@ SurfaceReconstruction::SurfaceReconstruction(const ros::NodeHandle& node, const 
         input_arrived_.notify_all();
       }));
   subscribers_.push_back(
-      node_.subscribe<std_msgs::Empty>("surface/wanted", 10, [this](const std_msgs::Empty::ConstPtr&) {
+      node_.subscribe<std_msgs::Header>("surface/wanted", 10, [this](const std_msgs::Header::ConstPtr& taken) {
         const std::lock_guard<std::mutex> lock(input_mutex_);
-        demand_.want(std::chrono::steady_clock::now());
+        demand_.want(std::chrono::steady_clock::now(), taken->stamp);
         input_arrived_.notify_all();
       }));
   unpaired_timer_ =
@@ -158,9 +158,10 @@ void SurfaceReconstruction::work() {
     std::optional<Synchroniser::Pair> pair;
     {
       std::unique_lock<std::mutex> lock(input_mutex_);
-      const auto ready = [this] {
-        return stop_ || (newest_ && (collector_.awaited() || demand_.waits(std::chrono::steady_clock::now())));
+      const auto waits = [this] {  // a running mean is of every pair
+        return parameters_.average_pairs > 1 || collector_.awaited() || demand_.waits(std::chrono::steady_clock::now());
       };
+      const auto ready = [&] { return stop_ || (newest_ && waits()); };
       while (!input_arrived_.wait_for(lock, kLook, ready)) {
       }
       if (stop_) return;
@@ -193,12 +194,12 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
   header.stamp = stamp;
   header.frame_id = parameters_.map_frame;
   const cortshift_msgs::SurfaceStatus status = statusOf(header, surface.warnings);
-  status_publisher_.publish(status);
-  points_publisher_.publish(boost::make_shared<sensor_msgs::PointCloud2>(toPointCloud2(surface.surface_map, header)));
   {
     const std::lock_guard<std::mutex> lock(input_mutex_);
-    demand_.served();
+    demand_.served(stamp);
   }
+  status_publisher_.publish(status);
+  points_publisher_.publish(boost::make_shared<sensor_msgs::PointCloud2>(toPointCloud2(surface.surface_map, header)));
   if (disparity_publisher_.getNumSubscribers() > 0) {
     header.frame_id = parameters_.camera_frame;
     disparity_publisher_.publish(toDisparityImage(surface.result.disparity, surface.frame.rectifier->model(),

@@ -1,11 +1,10 @@
-#include <rosbag/bag.h>
 #include <rosbag/view.h>
 #include <std_msgs/String.h>
 
 #include <new>
 
+#include "cortshift_tracking/case/bag_access.hpp"
 #include "cortshift_tracking/case/durable_file.hpp"
-#include "cortshift_tracking/case/memory_bag.hpp"
 #include "cortshift_tracking/case/stage_store.hpp"
 #include "cortshift_tracking/error.hpp"
 
@@ -60,25 +59,26 @@ StageRecord stageFromBag(const std::filesystem::path& path) {
   tf2_msgs::TFMessageConstPtr tf, tf_static;
   std_msgs::StringConstPtr parameters;
   try {
-    rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
-    rosbag::View view(bag);
-    for (const rosbag::MessageInstance& instance : view) {
-      read(instance, "/stage/info", info);
-      if (instance.getTopic() == "/stage/info" && !info)
-        throw TrackingError("it is of an older version of this software (" + instance.getDataType() +
-                            " has changed since); process its recording again, or use the version that wrote it");
-      read(instance, "/stage/parameters", parameters);
-      read(instance, "/surface/points", record.surface);
-      read(instance, "/stereo/left/image_raw", record.left);
-      read(instance, "/stereo/right/image_raw", record.right);
-      read(instance, "/stereo/left/image_raw/compressed", record.left_compressed);
-      read(instance, "/stereo/right/image_raw/compressed", record.right_compressed);
-      read(instance, "/stereo/left/camera_info", record.left_info);
-      read(instance, "/stereo/right/camera_info", record.right_info);
-      read(instance, "/microscope/settings", record.settings);
-      read(instance, "/tf", tf);
-      read(instance, "/tf_static", tf_static);
-    }
+    readBag(path, [&](rosbag::Bag& bag) {
+      rosbag::View view(bag);
+      for (const rosbag::MessageInstance& instance : view) {
+        read(instance, "/stage/info", info);
+        if (instance.getTopic() == "/stage/info" && !info)
+          throw TrackingError("it is of an older version of this software (" + instance.getDataType() +
+                              " has changed since); process its recording again, or use the version that wrote it");
+        read(instance, "/stage/parameters", parameters);
+        read(instance, "/surface/points", record.surface);
+        read(instance, "/stereo/left/image_raw", record.left);
+        read(instance, "/stereo/right/image_raw", record.right);
+        read(instance, "/stereo/left/image_raw/compressed", record.left_compressed);
+        read(instance, "/stereo/right/image_raw/compressed", record.right_compressed);
+        read(instance, "/stereo/left/camera_info", record.left_info);
+        read(instance, "/stereo/right/camera_info", record.right_info);
+        read(instance, "/microscope/settings", record.settings);
+        read(instance, "/tf", tf);
+        read(instance, "/tf_static", tf_static);
+      }
+    });
   } catch (const TrackingError& error) {
     throw TrackingError(path.string() + ": " + error.what());
   } catch (const std::bad_alloc&) {

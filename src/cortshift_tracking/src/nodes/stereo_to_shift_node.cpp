@@ -20,19 +20,20 @@ int main(int argc, char** argv) {
   const bool with_driver = argc == 1;
   if (argc > 2 || (argc == 2 && std::string(argv[1]) != "--without-driver")) {
     ROS_FATAL("stereo_to_shift takes one argument at most, --without-driver");
-    return 2;
+    return 1;  // ends the launch
   }
   const ros::NodeHandle node;  // outlives the try block: without any handle the log is shut down
-  std::string part = "shift_tracker";
+  std::string part;
+  const auto handleOf = [&part](const std::string& name) { return ros::NodeHandle(part = name); };
   try {
-    ros::NodeHandle own(part);
-    const cortshift_tracking::ShiftTracker tracker(cortshift_tracking::ShiftTrackerParameters::load(own), own);
-    own = ros::NodeHandle(part = "surface_reconstruction");
-    const auto parameters = cortshift_stereo::SurfaceReconstructionParameters::load(own);
-    const cortshift_stereo::SurfaceReconstruction reconstruction(node, own, parameters);
-    part = "stereo_driver";
+    const ros::NodeHandle of_tracker = handleOf("shift_tracker");
+    const auto tracker_parameters = cortshift_tracking::ShiftTrackerParameters::load(of_tracker);
+    const cortshift_tracking::ShiftTracker tracker(tracker_parameters, of_tracker);
+    const ros::NodeHandle of_reconstruction = handleOf("surface_reconstruction");
+    const auto parameters = cortshift_stereo::SurfaceReconstructionParameters::load(of_reconstruction);
+    const cortshift_stereo::SurfaceReconstruction reconstruction(node, of_reconstruction, parameters);
     if (with_driver)
-      cortshift_stereo::runStereoDriver(node, ros::NodeHandle(part));
+      cortshift_stereo::runStereoDriver(node, handleOf("stereo_driver"));
     else
       ros::waitForShutdown();
   } catch (const std::exception& error) {

@@ -2,8 +2,8 @@
 
 #include <cstdio>
 
+#include "cortshift_tracking/case/bag_access.hpp"
 #include "cortshift_tracking/case/durable_file.hpp"
-#include "cortshift_tracking/case/memory_bag.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/ros/field_message.hpp"
 

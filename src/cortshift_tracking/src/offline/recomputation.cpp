@@ -1,6 +1,5 @@
 #include "cortshift_tracking/offline/recomputation.hpp"
 
-#include <rosbag/bag.h>
 #include <rosbag/view.h>
 
 #include <algorithm>
@@ -8,6 +7,7 @@
 #include <regex>
 
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/bag_access.hpp"
 #include "cortshift_tracking/case/case_state.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/case/stage_record.hpp"
@@ -49,11 +49,12 @@ std::optional<fs::path> caseStateFile(const CaseFiles& files) {
 
 cortshift_msgs::DisplacementField fieldFromBag(const fs::path& path) {
   try {
-    rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
-    rosbag::View view(bag, rosbag::TopicQuery("/shift/field"));
     cortshift_msgs::DisplacementFieldConstPtr last;
-    for (const rosbag::MessageInstance& instance : view)
-      last = instance.instantiate<cortshift_msgs::DisplacementField>();
+    readBag(path, [&](rosbag::Bag& bag) {
+      rosbag::View view(bag, rosbag::TopicQuery("/shift/field"));
+      for (const rosbag::MessageInstance& instance : view)
+        last = instance.instantiate<cortshift_msgs::DisplacementField>();
+    });
     if (last) return *last;
   } catch (const std::exception& error) {  // rosbag, ROS serialisation and the allocator each have their own
     throw TrackingError(path.string() + " is not a readable bag: " + error.what());

@@ -60,7 +60,7 @@ bool isBetweenGridPoints(const cv::Vec3f& a, const cv::Vec3f& b, const cv::Vec3f
   for (int i = 0; i < 2; ++i) {
     const float low = std::min(std::min(a[i], b[i]), std::min(c[i], d[i]));
     const float high = std::max(std::max(a[i], b[i]), std::max(c[i], d[i]));
-    if (!(std::abs(high) < kFar)) continue;    // nor NaN
+    if (!(std::abs(high) < kFar)) continue;    // NaN neither: the triangles decide
     const int whole = static_cast<int>(high);  // std::floor takes as long as all the rest
     const int below = static_cast<float>(whole) > high ? whole - 1 : whole;
     if (low > static_cast<float>(below)) return true;

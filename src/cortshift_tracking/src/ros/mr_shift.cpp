@@ -1,12 +1,12 @@
 #include "cortshift_tracking/ros/mr_shift.hpp"
 
-#include <rosbag/bag.h>
 #include <rosbag/view.h>
 
 #include <cmath>
 
 #include "cortshift_stereo/admission/verdict.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_tracking/case/bag_access.hpp"
 #include "cortshift_tracking/case/stage_key.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/field/composition.hpp"
@@ -42,9 +42,11 @@ cortshift_msgs::DisplacementField readRegistration(const StageStore& store, cons
   const std::string remedy = "; move it away and run `" + command(store, stage.key) + "`";
   cortshift_msgs::DisplacementFieldConstPtr last;
   try {
-    rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
-    rosbag::View view(bag, rosbag::TopicQuery("/shift/field"));
-    for (const rosbag::MessageInstance& message : view) last = message.instantiate<cortshift_msgs::DisplacementField>();
+    readBag(path, [&](rosbag::Bag& bag) {
+      rosbag::View view(bag, rosbag::TopicQuery("/shift/field"));
+      for (const rosbag::MessageInstance& message : view)
+        last = message.instantiate<cortshift_msgs::DisplacementField>();
+    });
   } catch (const std::exception& error) {  // rosbag, ROS serialisation and the allocator each have their own
     throw TrackingError(path.string() + " is not a readable bag: " + error.what() + remedy);
   }

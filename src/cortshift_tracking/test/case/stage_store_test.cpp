@@ -13,6 +13,7 @@
 #include <fstream>
 #include <random>
 #include <set>
+#include <thread>
 
 #include "case/case_folder.hpp"
 #include "case/failing_disk.hpp"
@@ -226,6 +227,18 @@ TEST_F(StageStoreTest, AReadOnlyFolderCanBeReadAndRefusesCaptures) {
   EXPECT_TRUE(WIFEXITED(status));
   EXPECT_EQ(WEXITSTATUS(status), 0);
   fs::permissions(folder, fs::perms::owner_all);
+}
+
+TEST_F(StageStoreTest, StagesAreReadAndCapturedAtTheSameTime) {
+  StageStore store(folder);
+  store.add(sampleStage("first"));
+  std::vector<std::thread> threads;
+  for (int reader = 0; reader < 3; ++reader)
+    threads.emplace_back([&store] {
+      for (int i = 0; i < 50; ++i) EXPECT_TRUE(isWhole(store.load("first")));
+    });
+  for (int i = 0; i < 30; ++i) EXPECT_NO_THROW(store.add(sampleStage("more_" + std::to_string(i))));
+  for (std::thread& thread : threads) thread.join();
 }
 
 TEST_F(StageStoreTest, SurvivesKillAtRandomInstants) {

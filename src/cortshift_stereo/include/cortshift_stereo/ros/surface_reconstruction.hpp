@@ -32,14 +32,15 @@ namespace cortshift_stereo {
 
 /// Parameters: SurfaceReconstructionParameters, as private parameters of the node.
 /// Subscribes: stereo/{left,right}/image_raw and .../image_raw/compressed, stereo/{left,right}/camera_info,
-///   microscope/settings, /tf, /tf_static, surface/wanted (Empty: whoever publishes there is ready for the next
-///   surface, and gets one for each such message, see SurfaceDemand).
+///   microscope/settings, /tf, /tf_static, surface/wanted (Header with the stamp of the surface that somebody took
+///   last, zero: none; he is ready for the next, see SurfaceDemand).
 /// Publishes: surface/points (PointCloud2, organised like the rectified left image, frame `map_frame`, stamp of the
 ///   pair), surface/status (SurfaceStatus, before those points: their warnings), surface/disparity (DisparityImage),
 ///   /diagnostics with the status "surface".
 /// Services: ~average_pairs (the mean of several coming pairs of one view).
 ///
-/// The newest complete pair is worked on by a thread of its own; pairs that a newer one overtakes are counted. A pair
+/// The newest complete pair is worked on by a thread of its own; pairs that a newer one overtakes, also while
+/// nobody waits for a surface, are counted. A pair
 /// that gives no surface is dropped with its reason in log and diagnostics, and the node goes on.
 class SurfaceReconstruction {
  public:

@@ -48,9 +48,8 @@ struct ProjectionMatch : cortshift_flow::FlowResult {
 
 /// Flow [grid units] from the earlier to the later projection.
 /// @param earlier_usable, later_usable CV_8UC1: 0 where the image must not count (holes, folds, glare, exclusions)
-/// @param prediction CV_32FC2 [grid units], for instance of the moment before, to start from; or empty. With it no
-/// other
-///   channels than rgb are tried where the settings leave them open: see isFollowed.
+/// @param prediction CV_32FC2 [grid units], for instance of the moment before, to start from; or empty. With it `auto`
+///   means rgb: the caller judges the match (isFollowed), and may ask again with other channels.
 ProjectionMatch matchProjections(const Projection& earlier, const Projection& later, const cv::Mat& earlier_usable,
                                  const cv::Mat& later_usable, const ImageMatchingSettings& settings = {},
                                  const cv::Mat& prediction = {});

@@ -129,13 +129,12 @@ sensor_msgs::PointCloud2ConstPtr Capturing::awaitSurface() {
   const Deadline deadline = deadlineAfter(timeout_);
   placement_.watch.requireSeen();
   const std::optional<ros::Time> stamp = fire(deadline);
-  const SurfaceInbox& inbox = feed_.inbox();
   if (stamp) {
-    if (auto surface = inbox.waitSince(*stamp, deadline)) return surface;
+    if (auto surface = feed_.waitSince(*stamp, deadline)) return surface;
     throw TrackingError("within " + secondsText(timeout_) + " no surface of the pair at " +
                         std::to_string(stamp->toSec()) + " arrived on /surface/points" + feed_.whyNone());
   }
-  if (auto surface = inbox.waitForRecent(max_surface_age_, deadline)) return surface;
+  if (auto surface = feed_.waitForRecent(max_surface_age_, deadline)) return surface;
   throw TrackingError("within " + secondsText(timeout_) + " no surface arrived on /surface/points that is at most " +
                       secondsText(max_surface_age_.toSec()) + " older than the request" + feed_.whyNone());
 }

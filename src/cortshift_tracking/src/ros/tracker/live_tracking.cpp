@@ -128,6 +128,7 @@ void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
   start.info = from;
   std::vector<Region> excluded;  // in the reference
   unsigned long seen = 0;
+  ros::Time taken;
   cv::Mat prediction;  // from the field before
   const auto prepare = [&] {
     requireThere(case_.store, from);
@@ -143,8 +144,9 @@ void LiveTracking::run(const cortshift_msgs::StageInfo& from) {
   while (wanted_) {
     try {
       prepare();
-      const sensor_msgs::PointCloud2ConstPtr surface = feed_.next(seen, kLook);
+      const sensor_msgs::PointCloud2ConstPtr surface = feed_.waitForNewer(seen, taken, kLook);
       if (!surface) continue;
+      taken = surface->header.stamp;
       prepare();  // what was excluded during the wait counts already
       cortshift_msgs::StageInfo to = stateAt(surface->header.stamp);
       if (const auto change = changeBetween(from, to))

@@ -1,8 +1,9 @@
 #include "cortshift_tracking/ros/tracker/surface_feed.hpp"
 
 #include <ros/console.h>
-#include <std_msgs/Empty.h>
+#include <std_msgs/Header.h>
 
+#include <algorithm>
 #include <chrono>
 #include <iterator>
 
@@ -22,10 +23,32 @@ SurfaceFeed::SurfaceFeed(ros::NodeHandle& node)
     : surfaces_(node.subscribe("surface/points", 2, &SurfaceFeed::onSurface, this)),
       status_(node.subscribe("surface/status", 8, &SurfaceFeed::onStatus, this)),
       diagnostics_(node.subscribe("/diagnostics", 20, &SurfaceFeed::onDiagnostics, this)),
-      wanted_(node.advertise<std_msgs::Empty>("surface/wanted", 1)) {}
+      wanted_(node.advertise<std_msgs::Header>("surface/wanted", 1)) {}
 
-sensor_msgs::PointCloud2ConstPtr SurfaceFeed::next(unsigned long& seen, std::chrono::milliseconds patience) const {
-  wanted_.publish(std_msgs::Empty());
+void SurfaceFeed::ask(const ros::Time& taken) const {
+  std_msgs::Header message;
+  message.stamp = taken;
+  wanted_.publish(message);
+}
+
+sensor_msgs::PointCloud2ConstPtr SurfaceFeed::waitSince(const ros::Time& stamp, Deadline deadline) const {
+  constexpr std::chrono::milliseconds kAgain{200};  // what was made first may be of an older pair
+  while (true) {
+    ask(ros::Time());
+    const Deadline now = std::chrono::steady_clock::now();
+    if (auto surface = inbox_.waitSince(stamp, std::min(deadline, now + kAgain))) return surface;
+    if (now + kAgain >= deadline) return {};
+  }
+}
+
+sensor_msgs::PointCloud2ConstPtr SurfaceFeed::waitForRecent(const ros::Duration& max_age, Deadline deadline) const {
+  ask(ros::Time());
+  return inbox_.waitForRecent(max_age, deadline);
+}
+
+sensor_msgs::PointCloud2ConstPtr SurfaceFeed::waitForNewer(unsigned long& seen, const ros::Time& taken,
+                                                           std::chrono::milliseconds patience) const {
+  ask(taken);
   return inbox_.waitForNewer(seen, patience);
 }
 

@@ -25,18 +25,23 @@ namespace cortshift_tracking {
 ///   /surface/points [sensor_msgs/PointCloud2] organised surface in pmr
 ///   /surface/status [cortshift_msgs/SurfaceStatus] what goes with each of them
 ///   /diagnostics [diagnostic_msgs/DiagnosticArray] why the reconstruction dropped a pair
-/// Publishes, while somebody asks for one after another:
-///   /surface/wanted [std_msgs/Empty] the next surface is waited for
+/// Publishes:
+///   /surface/wanted [std_msgs/Header] a surface is waited for; stamp of the one that was taken last, zero: any will do
 class SurfaceFeed {
  public:
   explicit SurfaceFeed(ros::NodeHandle& node);
 
   const SurfaceInbox& inbox() const { return inbox_; }
 
-  /// The next surface that has not been seen, of a pair taken from now on as far as the reconstruction allows. Null
-  /// where none comes.
-  /// @param seen  count of surfaces that are known already; 0 at first
-  sensor_msgs::PointCloud2ConstPtr next(unsigned long& seen, std::chrono::milliseconds patience) const;
+  using Deadline = SurfaceInbox::Deadline;
+
+  /// As those of the inbox, and the reconstruction is told that somebody waits.
+  sensor_msgs::PointCloud2ConstPtr waitSince(const ros::Time& stamp, Deadline deadline) const;
+  sensor_msgs::PointCloud2ConstPtr waitForRecent(const ros::Duration& max_age, Deadline deadline) const;
+
+  /// @param taken  stamp of the surface that this caller took last; zero: none
+  sensor_msgs::PointCloud2ConstPtr waitForNewer(unsigned long& seen, const ros::Time& taken,
+                                                std::chrono::milliseconds patience) const;
 
   /// What the reconstruction says of the surface of this stamp; it may come a moment after the surface. Null where it
   /// says nothing.
@@ -56,6 +61,7 @@ class SurfaceFeed {
   Report report() const;
 
  private:
+  void ask(const ros::Time& taken) const;
   void onSurface(const sensor_msgs::PointCloud2ConstPtr& surface);
   void onStatus(const cortshift_msgs::SurfaceStatusConstPtr& status);
   void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message);

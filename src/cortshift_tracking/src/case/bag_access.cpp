@@ -1,16 +1,19 @@
-#include "cortshift_tracking/case/memory_bag.hpp"
+#include "cortshift_tracking/case/bag_access.hpp"
 
 #include <sys/mman.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstring>
+#include <mutex>
 
 #include "cortshift_tracking/case/durable_file.hpp"
 #include "cortshift_tracking/error.hpp"
 
 namespace cortshift_tracking {
 namespace {
+
+std::mutex turn;  // of all bags of the process
 
 /// A file in memory with a name that rosbag can open. A bag's destructor writes its index and so must not meet a full
 /// disk; a file in memory can then be written out with every error in our own hands.
@@ -34,6 +37,7 @@ class MemoryFile {
 std::string bagBytes(const std::function<void(rosbag::Bag&)>& fill) {
   const MemoryFile file;
   try {
+    const std::lock_guard<std::mutex> mine(turn);
     rosbag::Bag bag(file.path(), rosbag::bagmode::Write);
     fill(bag);
     bag.close();
@@ -41,6 +45,12 @@ std::string bagBytes(const std::function<void(rosbag::Bag&)>& fill) {
     throw TrackingError(std::string("a bag cannot be written: ") + error.what());
   }
   return readWhole(file.path());
+}
+
+void readBag(const std::filesystem::path& path, const std::function<void(rosbag::Bag&)>& read) {
+  const std::lock_guard<std::mutex> mine(turn);
+  rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
+  read(bag);
 }
 
 }  // namespace cortshift_tracking
