@@ -2,6 +2,7 @@
 """Two phantom graphs in two namespaces under one master: each has its own stages and fields, and nothing is heard outside."""
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import unittest
@@ -13,7 +14,7 @@ import rostest
 from cortshift_msgs.srv import SetPhantomStage
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
-from graph import Diagnostics, ShiftTracker, field_arrays  # noqa: E402
+from graph import Diagnostics, ShiftTracker, field_arrays, wait_until  # noqa: E402
 
 GLOBAL = {'/diagnostics', '/rosout', '/rosout_agg', '/clock'}
 
@@ -45,14 +46,31 @@ class TwoGraphs(unittest.TestCase):
         self.diagnostics.wait_for('or1/shift_tracker: state', live='off')
         self.diagnostics.wait_for('or2/shift_tracker: state', live='off')
         self.pixels_without_sockets()
+        self.comes_again(tracker, ['second', 'first'])
         self.programs_of_others()
         outside = {name for name, _ in rospy.get_published_topics() if not name.startswith(('/or1/', '/or2/'))}
         self.assertLessEqual(outside, GLOBAL)
 
+    @staticmethod
+    def one_process():
+        return xmlrpc.client.ServerProxy(rosgraph.Master('/two_graphs').lookupNode('/or2/stereo_to_shift'))
+
+    def comes_again(self, tracker, stages):
+        """The one process, killed."""
+        killed = self.one_process().getPid('/two_graphs')[2]
+        os.kill(killed, signal.SIGKILL)
+
+        def back():
+            try:
+                return (self.one_process().getPid('/two_graphs')[2] != killed and
+                        [stage.key for stage in tracker.list_stages().stages] == stages)
+            except (OSError, rospy.ServiceException):
+                return False
+        wait_until(back, 60, 'the process, with its stages')
+
     def pixels_without_sockets(self):
         """In one process images and surfaces go from publisher to subscriber as pointers."""
-        node = xmlrpc.client.ServerProxy(rosgraph.Master('/two_graphs').lookupNode('/or2/stereo_to_shift'))
-        _, _, connections = node.getBusInfo('/two_graphs')
+        _, _, connections = self.one_process().getBusInfo('/two_graphs')
         for topic in ('stereo/left/image_raw', 'stereo/right/image_raw', 'surface/points'):
             ways = {connection[3] for connection in connections if connection[4] == '/or2/' + topic}
             self.assertEqual(ways, {'INTRAPROCESS'}, topic)
