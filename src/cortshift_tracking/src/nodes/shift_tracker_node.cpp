@@ -2,9 +2,11 @@
 
 #include <exception>
 
+#include "cortshift_stereo/heap.hpp"
 #include "cortshift_tracking/ros/tracker/shift_tracker.hpp"
 
 int main(int argc, char** argv) {
+  cortshift_stereo::giveFreedMemoryBack();
   ros::init(argc, argv, "shift_tracker");
   const ros::NodeHandle private_node("~");  // outlives the try block: without any handle the log is shut down
   try {

@@ -15,7 +15,7 @@
 #include "cortshift_tracking/ros/tracker/shift_tracker.hpp"
 
 int main(int argc, char** argv) {
-  cortshift_stereo::keepFreedMemory();
+  cortshift_stereo::giveFreedMemoryBack();
   ros::init(argc, argv, "stereo_to_shift");
   const bool with_driver = argc == 1;
   if (argc > 2 || (argc == 2 && std::string(argv[1]) != "--without-driver")) {
