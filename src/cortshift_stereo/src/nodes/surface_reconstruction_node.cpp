@@ -2,7 +2,7 @@
 #include <ros/ros.h>
 
 #include "cortshift_stereo/heap.hpp"
-#include "cortshift_stereo/ros/surface_reconstruction.hpp"
+#include "cortshift_stereo/ros/reconstruction/surface_reconstruction.hpp"
 
 int main(int argc, char** argv) {
   cortshift_stereo::keepFreedMemory();

@@ -1,4 +1,4 @@
-#include "cortshift_stereo/ros/surface_demand.hpp"
+#include "cortshift_stereo/ros/reconstruction/surface_demand.hpp"
 
 #include <gtest/gtest.h>
 

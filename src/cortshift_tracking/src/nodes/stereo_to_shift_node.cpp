@@ -11,7 +11,7 @@
 
 #include "cortshift_stereo/heap.hpp"
 #include "cortshift_stereo/ros/driver/stereo_driver.hpp"
-#include "cortshift_stereo/ros/surface_reconstruction.hpp"
+#include "cortshift_stereo/ros/reconstruction/surface_reconstruction.hpp"
 #include "cortshift_tracking/ros/tracker/shift_tracker.hpp"
 
 int main(int argc, char** argv) {

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/ros/pair_reconstruction.hpp"
-#include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
+#include "cortshift_stereo/ros/reconstruction/pair_reconstruction.hpp"
+#include "cortshift_stereo/ros/reconstruction/surface_reconstruction_parameters.hpp"
 #include "cortshift_tracking/offline/bag/bag_file.hpp"
 
 namespace cortshift_tracking {

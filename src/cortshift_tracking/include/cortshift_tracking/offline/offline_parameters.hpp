@@ -3,7 +3,7 @@
 
 #include <filesystem>
 
-#include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
+#include "cortshift_stereo/ros/reconstruction/surface_reconstruction_parameters.hpp"
 #include "cortshift_tracking/ros/parameters.hpp"
 
 namespace cortshift_tracking {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "cortshift_stereo/ros/pair_reconstruction.hpp"
+#include "cortshift_stereo/ros/reconstruction/pair_reconstruction.hpp"
 #include "cortshift_tracking/case/stage_store.hpp"
 #include "cortshift_tracking/field/displacement_field.hpp"
 

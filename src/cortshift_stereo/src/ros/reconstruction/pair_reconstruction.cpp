@@ -1,4 +1,4 @@
-#include "cortshift_stereo/ros/pair_reconstruction.hpp"
+#include "cortshift_stereo/ros/reconstruction/pair_reconstruction.hpp"
 
 #include <ros/console.h>
 

@@ -1,4 +1,4 @@
-#include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
+#include "cortshift_stereo/ros/reconstruction/surface_reconstruction_parameters.hpp"
 
 #include "cortshift_stereo/reconstruction_limits.hpp"
 #include "cortshift_stereo/ros/parameter_reader.hpp"

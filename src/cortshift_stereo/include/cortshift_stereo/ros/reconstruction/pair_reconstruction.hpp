@@ -18,7 +18,7 @@
 #include "cortshift_stereo/images/bit_depth.hpp"
 #include "cortshift_stereo/rectification/rectifier_selector.hpp"
 #include "cortshift_stereo/ros/pose_source.hpp"
-#include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
+#include "cortshift_stereo/ros/reconstruction/surface_reconstruction_parameters.hpp"
 
 namespace cortshift_stereo {
 

@@ -22,11 +22,11 @@
 #include "cortshift_stereo/admission/pair_synchroniser.hpp"
 #include "cortshift_stereo/averaging/frame_collector.hpp"
 #include "cortshift_stereo/ros/clock_watch.hpp"
-#include "cortshift_stereo/ros/pair_reconstruction.hpp"
 #include "cortshift_stereo/ros/pose_lookup.hpp"
+#include "cortshift_stereo/ros/reconstruction/pair_reconstruction.hpp"
+#include "cortshift_stereo/ros/reconstruction/surface_demand.hpp"
+#include "cortshift_stereo/ros/reconstruction/surface_reconstruction_parameters.hpp"
 #include "cortshift_stereo/ros/stamped_history.hpp"
-#include "cortshift_stereo/ros/surface_demand.hpp"
-#include "cortshift_stereo/ros/surface_reconstruction_parameters.hpp"
 
 namespace cortshift_stereo {
 

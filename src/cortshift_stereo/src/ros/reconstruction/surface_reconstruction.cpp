@@ -1,4 +1,4 @@
-#include "cortshift_stereo/ros/surface_reconstruction.hpp"
+#include "cortshift_stereo/ros/reconstruction/surface_reconstruction.hpp"
 
 #include <std_msgs/Header.h>
 #include <stereo_msgs/DisparityImage.h>
