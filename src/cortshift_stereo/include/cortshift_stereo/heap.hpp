@@ -14,8 +14,7 @@ inline void keepFreedMemory() {
 }
 
 /// For a program that keeps images and surfaces for a while, in many threads. Large blocks go back to the system: kept,
-/// they leave gaps that the next one does not fit, and the process of a graph at 1024 x 768 grew from 680 to 1020 MB in
-/// five minutes of captures, shifts and live mode, where it has 350 to 520 MB so, at a fiftieth more time.
+/// they leave gaps that the next one does not fit, and the process grows (script/soak tells by how much).
 inline void giveFreedMemoryBack() {
   constexpr int kLarge = 1 << 20, kTop = 64 << 20;  // bytes
   constexpr int kArenas = 4;                        // threads come and go with requests; each might have one of its own

@@ -1,5 +1,6 @@
 #include "cortshift_tracking/case/bag_access.hpp"
 
+#include <rosbag/view.h>
 #include <sys/mman.h>
 #include <unistd.h>
 
@@ -51,6 +52,20 @@ void readBag(const std::filesystem::path& path, const std::function<void(rosbag:
   const std::lock_guard<std::mutex> mine(turn);
   rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
   read(bag);
+}
+
+cortshift_msgs::DisplacementFieldConstPtr lastField(const std::filesystem::path& path) {
+  cortshift_msgs::DisplacementFieldConstPtr last;
+  try {
+    readBag(path, [&](rosbag::Bag& bag) {
+      rosbag::View view(bag, rosbag::TopicQuery("/shift/field"));
+      for (const rosbag::MessageInstance& message : view)
+        last = message.instantiate<cortshift_msgs::DisplacementField>();
+    });
+  } catch (const std::exception& error) {  // rosbag, ROS serialisation and the allocator each have their own
+    throw TrackingError(path.string() + " is not a readable bag: " + error.what());
+  }
+  return last;
 }
 
 }  // namespace cortshift_tracking

@@ -7,7 +7,6 @@
 #include <ros/ros.h>
 
 #include <string>
-#include <vector>
 
 #include "cortshift_stereo/heap.hpp"
 #include "cortshift_stereo/ros/driver/stereo_driver.hpp"

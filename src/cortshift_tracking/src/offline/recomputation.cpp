@@ -1,7 +1,5 @@
 #include "cortshift_tracking/offline/recomputation.hpp"
 
-#include <rosbag/view.h>
-
 #include <algorithm>
 #include <boost/make_shared.hpp>
 #include <regex>
@@ -48,17 +46,7 @@ std::optional<fs::path> caseStateFile(const CaseFiles& files) {
 }
 
 cortshift_msgs::DisplacementField fieldFromBag(const fs::path& path) {
-  try {
-    cortshift_msgs::DisplacementFieldConstPtr last;
-    readBag(path, [&](rosbag::Bag& bag) {
-      rosbag::View view(bag, rosbag::TopicQuery("/shift/field"));
-      for (const rosbag::MessageInstance& instance : view)
-        last = instance.instantiate<cortshift_msgs::DisplacementField>();
-    });
-    if (last) return *last;
-  } catch (const std::exception& error) {  // rosbag, ROS serialisation and the allocator each have their own
-    throw TrackingError(path.string() + " is not a readable bag: " + error.what());
-  }
+  if (const auto last = lastField(path)) return *last;
   throw TrackingError(path.string() + " holds no cortshift_msgs/DisplacementField on /shift/field");
 }
 

@@ -1,7 +1,5 @@
 #include "cortshift_tracking/ros/mr_shift.hpp"
 
-#include <rosbag/view.h>
-
 #include <cmath>
 
 #include "cortshift_stereo/admission/verdict.hpp"
@@ -42,13 +40,9 @@ cortshift_msgs::DisplacementField readRegistration(const StageStore& store, cons
   const std::string remedy = "; move it away and run `" + command(store, stage.key) + "`";
   cortshift_msgs::DisplacementFieldConstPtr last;
   try {
-    readBag(path, [&](rosbag::Bag& bag) {
-      rosbag::View view(bag, rosbag::TopicQuery("/shift/field"));
-      for (const rosbag::MessageInstance& message : view)
-        last = message.instantiate<cortshift_msgs::DisplacementField>();
-    });
-  } catch (const std::exception& error) {  // rosbag, ROS serialisation and the allocator each have their own
-    throw TrackingError(path.string() + " is not a readable bag: " + error.what() + remedy);
+    last = lastField(path);
+  } catch (const TrackingError& error) {
+    throw TrackingError(error.what() + remedy);
   }
   if (!last) throw TrackingError(path.string() + " holds no displacement field on /shift/field" + remedy);
   if (last->from_key != kMrKey || last->to_key != stage.key ||

@@ -1,6 +1,7 @@
 // Bags made and read one at a time.
 #pragma once
 
+#include <cortshift_msgs/DisplacementField.h>
 #include <rosbag/bag.h>
 
 #include <filesystem>
@@ -20,5 +21,9 @@ std::string bagBytes(const std::function<void(rosbag::Bag&)>& fill);
 /// @param read  must not use another bag
 /// @throws what rosbag throws, for instance rosbag::BagException; what `read` throws
 void readBag(const std::filesystem::path& path, const std::function<void(rosbag::Bag&)>& read);
+
+/// The last field on /shift/field of a bag; null: there is none.
+/// @throws TrackingError if it is not a readable bag
+cortshift_msgs::DisplacementFieldConstPtr lastField(const std::filesystem::path& path);
 
 }  // namespace cortshift_tracking
