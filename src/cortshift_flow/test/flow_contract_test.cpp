@@ -2,13 +2,17 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <fstream>
 #include <limits>
+#include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
+#include <set>
 #include <stdexcept>
 #include <string>
+#include <thread>
 
 #include "cortshift_flow/flo_file.hpp"
 #include "cortshift_flow/flow.hpp"
@@ -47,6 +51,15 @@ FlowSettings withThreads(const std::string& preset, int threads) {
   return settings;
 }
 
+/// Sets the number of OpenCV's threads back.
+struct OpenCvThreads {
+  OpenCvThreads() = default;
+  ~OpenCvThreads() { cv::setNumThreads(before); }
+  OpenCvThreads(const OpenCvThreads&) = delete;
+  OpenCvThreads& operator=(const OpenCvThreads&) = delete;
+  const int before = cv::getNumThreads();
+};
+
 template <typename Call>
 std::string refusal(const Call& call) {
   try {
@@ -69,6 +82,32 @@ TEST_P(EveryPreset, GivesTheSameBitsForAnyNumberOfThreadsAndEveryRun) {
     EXPECT_TRUE(sameBits(one.flow, again.flow)) << threads;
     EXPECT_TRUE(sameBits(one.confidence, again.confidence)) << threads;
   }
+  const OpenCvThreads guard;
+  for (const int threads : {1, 3}) {
+    cv::setNumThreads(threads);
+    EXPECT_TRUE(sameBits(one.flow, computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2)).flow)) << threads;
+  }
+}
+
+// The number of OpenCV's threads is the process's: changed while another thread computes, it ends the process.
+TEST_P(EveryPreset, LeavesTheNumberOfOpenCvsThreadsAlone) {
+  const PlanarPhantom& p = small();
+  const OpenCvThreads guard;
+  cv::setNumThreads(3);
+  std::atomic<bool> over{false};
+  std::set<int> seen;
+  std::thread watch([&] {
+    while (!over) seen.insert(cv::getNumThreads());
+  });
+  const FlowResult alone = computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2));
+  over = true;
+  watch.join();
+  EXPECT_EQ(seen, std::set<int>{3});
+  FlowResult one, other;
+  std::thread beside([&] { one = computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2)); });
+  other = computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2));
+  beside.join();
+  EXPECT_TRUE(sameBits(alone.flow, one.flow) && sameBits(alone.flow, other.flow));
 }
 
 TEST_P(EveryPreset, IdenticalImagesDoNotMove) {

@@ -1,7 +1,6 @@
 #include "start/inverse_search.hpp"
 
 #include <algorithm>
-#include <future>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
@@ -9,18 +8,6 @@ namespace cortshift_flow {
 namespace {
 
 constexpr int kSmallestSide = 32;  // of an image that DIS has patches for [px]
-
-/// DIS divides its work by the number of OpenCV's threads, and its result depends on the division: always one thread.
-class OneThread {
- public:
-  OneThread() : threads_(cv::getNumThreads()) { cv::setNumThreads(1); }
-  ~OneThread() { cv::setNumThreads(threads_); }
-  OneThread(const OneThread&) = delete;
-  OneThread& operator=(const OneThread&) = delete;
-
- private:
-  int threads_;
-};
 
 cv::Mat1b greyBytes(const cv::Mat4f& image) {
   cv::Mat grey;
@@ -45,19 +32,12 @@ void search(const cv::Mat1b& from, const cv::Mat1b& to, FlowPlanes& flow) {
 
 }  // namespace
 
-InverseSearch inverseSearch(const Level& fine, cv::Size size, int threads) {
+InverseSearch inverseSearch(const Level& fine, cv::Size size) {
   InverseSearch result{{Plane(size), Plane(size)}, {Plane(size), Plane(size)}};
   if (std::min(fine.first.cols, fine.first.rows) < kSmallestSide) return result;
   const cv::Mat1b first = greyBytes(fine.first), second = greyBytes(fine.second);
-  const OneThread guard;
-  if (threads > 1) {
-    auto backward = std::async(std::launch::async, [&] { search(second, first, result.backward); });
-    search(first, second, result.forward);
-    backward.get();
-  } else {
-    search(first, second, result.forward);
-    search(second, first, result.backward);
-  }
+  search(first, second, result.forward);
+  search(second, first, result.backward);
   return result;
 }
 

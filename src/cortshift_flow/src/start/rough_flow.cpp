@@ -23,7 +23,7 @@ int searchRadius(const Level& level, double range) {
 
 /// Takes the flow of the DIS patches where it fits better: they follow motions that the windows of the search lose.
 void consultPatches(const Level& finer, const Level& forward, const Level& backward, FlowBothWays& flow, int threads) {
-  InverseSearch patches = inverseSearch(finer, forward.first.size(), threads);
+  InverseSearch patches = inverseSearch(finer, forward.first.size());
   const cv::Mat1b agree_forward = consistent(patches.forward, patches.backward, kPatchAgreement, threads);
   const cv::Mat1b agree_backward = consistent(patches.backward, patches.forward, kPatchAgreement, threads);
   adoptWhereBetter(forward, patches.forward, agree_forward, flow.forward, threads);
