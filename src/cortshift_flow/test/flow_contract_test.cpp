@@ -2,63 +2,25 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
-#include <atomic>
 #include <cmath>
-#include <cstring>
 #include <fstream>
 #include <limits>
-#include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
-#include <set>
 #include <stdexcept>
 #include <string>
-#include <thread>
 
 #include "cortshift_flow/flo_file.hpp"
 #include "cortshift_flow/flow.hpp"
-#include "cortshift_flow_phantom/planar_phantom.hpp"
+#include "small_phantom.hpp"
 
 namespace cortshift_flow {
 namespace {
 
-using cortshift_flow_phantom::makePlanarPhantom;
 using cortshift_flow_phantom::PlanarPhantom;
-using cortshift_flow_phantom::PlanarPhantomSettings;
-
-const PlanarPhantom& small() {
-  static const PlanarPhantom phantom = [] {
-    PlanarPhantomSettings settings;
-    settings.size = {320, 256};
-    settings.pixel_size = 0.0003;
-    settings.quadrature = 2;
-    return makePlanarPhantom(settings);
-  }();
-  return phantom;
-}
-
-bool sameBits(const cv::Mat& a, const cv::Mat& b) {
-  if (a.size() != b.size() || a.type() != b.type()) return false;
-  for (int y = 0; y < a.rows; ++y)
-    if (std::memcmp(a.ptr(y), b.ptr(y), static_cast<std::size_t>(a.cols) * a.elemSize()) != 0) return false;
-  return true;
-}
+using cortshift_flow_test::sameBits;
+using cortshift_flow_test::small;
 
 bool finite(const cv::Mat& image) { return cv::checkRange(image); }
-
-FlowSettings withThreads(const std::string& preset, int threads) {
-  FlowSettings settings = FlowSettings::preset(preset);
-  settings.threads = threads;
-  return settings;
-}
-
-/// Sets the number of OpenCV's threads back.
-struct OpenCvThreads {
-  OpenCvThreads() = default;
-  ~OpenCvThreads() { cv::setNumThreads(before); }
-  OpenCvThreads(const OpenCvThreads&) = delete;
-  OpenCvThreads& operator=(const OpenCvThreads&) = delete;
-  const int before = cv::getNumThreads();
-};
 
 template <typename Call>
 std::string refusal(const Call& call) {
@@ -73,42 +35,6 @@ std::string refusal(const Call& call) {
 #define EXPECT_REFUSAL(call, about) EXPECT_NE(refusal([&] { call; }).find(about), std::string::npos) << #call
 
 class EveryPreset : public testing::TestWithParam<std::string> {};
-
-TEST_P(EveryPreset, GivesTheSameBitsForAnyNumberOfThreadsAndEveryRun) {
-  const PlanarPhantom& p = small();
-  const FlowResult one = computeFlow(p.first, p.second, {}, withThreads(GetParam(), 1));
-  for (const int threads : {1, 2, 3}) {
-    const FlowResult again = computeFlow(p.first, p.second, {}, withThreads(GetParam(), threads));
-    EXPECT_TRUE(sameBits(one.flow, again.flow)) << threads;
-    EXPECT_TRUE(sameBits(one.confidence, again.confidence)) << threads;
-  }
-  const OpenCvThreads guard;
-  for (const int threads : {1, 3}) {
-    cv::setNumThreads(threads);
-    EXPECT_TRUE(sameBits(one.flow, computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2)).flow)) << threads;
-  }
-}
-
-// The number of OpenCV's threads is the process's: changed while another thread computes, it ends the process.
-TEST_P(EveryPreset, LeavesTheNumberOfOpenCvsThreadsAlone) {
-  const PlanarPhantom& p = small();
-  const OpenCvThreads guard;
-  cv::setNumThreads(3);
-  std::atomic<bool> over{false};
-  std::set<int> seen;
-  std::thread watch([&] {
-    while (!over) seen.insert(cv::getNumThreads());
-  });
-  const FlowResult alone = computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2));
-  over = true;
-  watch.join();
-  EXPECT_EQ(seen, std::set<int>{3});
-  FlowResult one, other;
-  std::thread beside([&] { one = computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2)); });
-  other = computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2));
-  beside.join();
-  EXPECT_TRUE(sameBits(alone.flow, one.flow) && sameBits(alone.flow, other.flow));
-}
 
 TEST_P(EveryPreset, IdenticalImagesDoNotMove) {
   const PlanarPhantom& p = small();
