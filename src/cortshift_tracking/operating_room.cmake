@@ -10,7 +10,7 @@ target_link_libraries(record_parts ${PROJECT_NAME}_recording)
 install(TARGETS ${PROJECT_NAME}_recording record_parts
   LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION} RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 
-catkin_install_python(PROGRAMS scripts/case_recorder scripts/console scripts/play_case scripts/preflight
+catkin_install_python(PROGRAMS scripts/case_recorder scripts/console scripts/master_keeper scripts/play_case scripts/preflight
   DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 # How others call the services (doc/calling.md).
 add_executable(first_shift examples/first_shift.cpp)
@@ -30,6 +30,7 @@ if(CATKIN_ENABLE_TESTING)
   endforeach()
   cortshift_test(soak_test pytest graph 900 FILES test/theatre/soak_test.py
     DEPENDS shift_tracker record_parts igtl_bridge)
+  cortshift_test(master_keeper_test pytest graph 300 FILES test/theatre/master_keeper_test.py)
   cortshift_test(preflight_test pytest long 300 FILES test/theatre/preflight_test.py)
   foreach(test console_state page)
     cortshift_test(${test}_test pytest quick 300 FILES test/console/${test}_test.py)

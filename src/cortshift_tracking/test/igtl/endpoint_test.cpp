@@ -99,7 +99,7 @@ class EndpointTest : public ::testing::Test {
       if (text == "bad") throw ProtocolError("bad");
       if (text == "odd") throw std::runtime_error("no such thing");
       if (text == "odder") throw 7;
-      endpoint_->send(peer, std::make_shared<const Bytes>(composeString({"echo", 1}, text)));
+      echoing_->send(peer, std::make_shared<const Bytes>(composeString({"echo", 1}, text)));
     };
     handlers.on_close = [this](PeerId, const std::string&, const std::string&) {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -111,6 +111,7 @@ class EndpointTest : public ::testing::Test {
       ++failures_[what];
     };
     endpoint_ = std::make_unique<Endpoint>(settings, handlers);
+    echoing_ = endpoint_.get();
     endpoint_->start();
   }
   void TearDown() override { endpoint_.reset(); }
@@ -127,6 +128,7 @@ class EndpointTest : public ::testing::Test {
   int closings_ = 0;
   bool close_fails_ = false;
   std::unique_ptr<Endpoint> endpoint_;
+  Endpoint* echoing_ = nullptr;  // the same for its own thread, which still runs while the pointer above is reset
 };
 
 TEST_F(EndpointTest, BreachClosesThatConnectionAlone) {

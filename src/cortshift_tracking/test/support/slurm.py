@@ -9,6 +9,8 @@ import subprocess
 import tempfile
 import time
 
+from ports import free_ports
+
 # No control groups, no accounting: neither rights nor a system manager are needed, nor is anything outside of the folder.
 # cred_expire [s]: how long the jobs of a node that went down wait before they start again; 5 is the least that Slurm takes.
 CONFIGURATION = '''ClusterName=cortshift_test
@@ -41,16 +43,6 @@ PartitionName=main Nodes=node Default=YES MaxTime=INFINITE State=UP
 '''
 
 
-def _free_ports(count):
-    sockets = [socket.socket() for _ in range(count)]
-    for one in sockets:
-        one.bind(('127.0.0.1', 0))
-    ports = [one.getsockname()[1] for one in sockets]
-    for one in sockets:
-        one.close()
-    return ports
-
-
 def _variables(pid):
     """Environment of a process; none where it is gone or another user's."""
     try:
@@ -71,7 +63,7 @@ class Slurm:
         os.chmod(self.folder, 0o711)
         self.environment = dict(os.environ, SLURM_CONF=os.path.join(self.folder, 'slurm.conf'))
         self._processes, self._starts = {}, 0
-        controller_port, node_port = _free_ports(2)
+        controller_port, node_port = free_ports(2)
         memory_mb = os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') >> 20
         with open(self.environment['SLURM_CONF'], 'w', encoding='utf-8') as file:
             file.write(CONFIGURATION.format(host=socket.gethostname(), user=getpass.getuser(), folder=self.folder, cores=cores,

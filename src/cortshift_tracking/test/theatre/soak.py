@@ -10,7 +10,6 @@ import random
 import re
 import shutil
 import signal
-import socket
 import statistics
 import subprocess
 import sys
@@ -56,12 +55,6 @@ def options_of(arguments):
     if not 0 < options.minutes <= 10000:
         parser.error('MINUTES must be above 0')
     return options
-
-
-def free_port():
-    with socket.socket() as held:
-        held.bind(('127.0.0.1', 0))
-        return held.getsockname()[1]
 
 
 def end(process, number=signal.SIGINT, seconds=60):

@@ -70,6 +70,19 @@ def test_whatever_else_ends_is_started_again_and_the_master_knows_why(launcher, 
     assert known['count'] == 1 and known['why'] == why
 
 
+def test_nothing_starts_under_a_master_that_does_not_know_the_launch_yet(launcher, master, monkeypatch):
+    """It has no parameters either: the node would take those that it has by itself."""
+    monkeypatch.setenv('ROS_MASTER_URI', master[0])
+    master[1]['/run_id'] = 'of another roscore'
+    run = launcher('sh', '-c', 'echo started; kill -9 $$', 'sh', '__name:=tracker', '__log:=/var/log/7c1b-run/tracker-1.log')
+    run.stdout.readline()
+    time.sleep(1.5)
+    assert run.poll() is None and '/restarts/tracker' not in master[1]
+    master[1]['/run_id'] = '7c1b-run'
+    out, _ = run.communicate(timeout=10)
+    assert out.startswith('started') and master[1]['/restarts/tracker']['count'] == 1
+
+
 def test_a_node_that_ran_before_does_not_end_the_launch(tmp_path, launcher, master, monkeypatch):
     """Its port is still taken, its folder full for a while: that is no wrong configuration."""
     monkeypatch.setenv('ROS_MASTER_URI', master[0])
