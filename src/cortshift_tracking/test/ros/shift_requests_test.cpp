@@ -69,7 +69,7 @@ TEST_F(ShiftTrackerNode, FieldHasTheNumbersOfTheTruth) {
                                                {"/shift/lateral", lateralMap(field, normal)},
                                                {"/shift/magnitude", magnitudeMap(field)}};
   for (const auto& [topic, expected] : maps) {
-    const cv::Mat seen = cv_bridge::toCvShare(latched<sensor_msgs::Image>(topic), "bgr8")->image;
+    const cv::Mat seen = cv_bridge::toCvCopy(latched<sensor_msgs::Image>(topic), "bgr8")->image;
     ASSERT_EQ(seen.size(), expected.size()) << topic;
     EXPECT_EQ(cv::norm(seen, expected, cv::NORM_INF), 0) << topic;
     for (const auto& [other, map] : maps)

@@ -21,6 +21,7 @@ import zlib
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 SUPPORT = ROOT / 'src/cortshift_tracking/test/support'
 sys.path[:0] = [str(SUPPORT), str(SUPPORT / 'soak')]
+from ports import free_ports  # noqa: E402
 START = 90.0          # s for the graph to be there
 TOPICS = ('/stereo/left/image_raw', '/surface/points', '/microscope/pose', '/tf', '/shift/field', '/diagnostics')
 RECORDED = ('/stereo/left/image_raw', '/tf')
@@ -50,10 +51,17 @@ def options_of(arguments):
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--output')
     parser.add_argument('--report')
+    parser.add_argument('--clock', action='store_true')
     parser.add_argument('--own-mounts', action='store_true')
     options = parser.parse_args(arguments)
     if not 0 < options.minutes <= 10000:
         parser.error('MINUTES must be above 0')
+    if options.clock:
+        from soak_faults import set_clock
+        try:
+            set_clock(0)
+        except PermissionError:
+            parser.error('--clock sets the clock of this machine, which needs the right to')
     return options
 
 
@@ -71,24 +79,33 @@ class Graph:
     """Master and nodes, in a folder, until it is ended."""
 
     def __init__(self, folder, options, cleanup):
-        self.folder, self.igtl, self.page = folder, free_port(), free_port()
-        (folder / 'case').mkdir()
+        self.folder, (self.igtl, self.page, self._port) = folder, free_ports(3)
+        self.case, self.own_clock = folder / 'case', options.clock
+        self.case.mkdir()
         self.own_disk = options.own_mounts and subprocess.run(
-            ['mount', '-t', 'tmpfs', '-o', f'size={max(1, math.ceil(options.minutes / DISK_FOR))}g', 'none', folder / 'case'], check=False).returncode == 0
+            ['mount', '-t', 'tmpfs', '-o', f'size={max(1, math.ceil(options.minutes / DISK_FOR))}g', 'none', self.case], check=False).returncode == 0
         if self.own_disk:
-            cleanup.callback(subprocess.run, ['umount', '-l', folder / 'case'], check=False)
-        port = free_port()
-        os.environ.update(ROS_MASTER_URI=f'http://localhost:{port}', ROS_HOSTNAME='localhost', ROS_HOME=str(folder / 'home'))
+            cleanup.callback(subprocess.run, ['umount', '-l', self.case], check=False)
+        os.environ.update(ROS_MASTER_URI=f'http://localhost:{self._port}', ROS_HOSTNAME='localhost', ROS_HOME=str(folder / 'home'))
         os.environ.pop('ROS_LOG_DIR', None)
         launch = folder / 'soak.launch'
         launch.write_text(LAUNCH.format(root=ROOT, support=SUPPORT, folder=folder, page=self.page, igtl=self.igtl,
                                         dropouts=0.03 if options.faults else 0.0))
         self.log = open(folder / 'graph.log', 'w+', encoding='utf-8')
         cleanup.callback(self.log.close)
-        self._master = subprocess.Popen(['roscore', '-p', str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        cleanup.callback(end, self._master)
+        self.start_master()
+        cleanup.callback(lambda: end(self._roscore))
         self.nodes = subprocess.Popen(['roslaunch', '--wait', str(launch)], stdout=self.log, stderr=subprocess.STDOUT)
         cleanup.callback(end, self.nodes)
+
+    def start_master(self):
+        self._roscore = subprocess.Popen(['roscore', '-p', str(self._port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def end_master(self):
+        """By a signal that it does not see coming."""
+        import rosgraph
+        os.kill(rosgraph.Master('/soak').getPid(), signal.SIGKILL)
+        self._roscore.wait(60)   # by itself, with the last of its nodes
 
     def tail(self):
         self.log.flush()
@@ -135,7 +152,7 @@ def run(options, folder, cleanup):
     rospy.init_node('soak', disable_signals=True)
     gaps = Gaps()
     victims = Victims(gaps, graph.igtl, graph.page)
-    faults = Faults(victims, graph.igtl, str(folder / 'case'), random.Random(options.seed))
+    faults = Faults(victims, graph, random.Random(options.seed))
     for topic in TOPICS:
         gaps.watch(topic)
     missing = [node for node in victims.nodes if victims.wait_whole(node, time.monotonic(), seconds=START) is None]
@@ -163,7 +180,7 @@ def run(options, folder, cleanup):
             faults.kill(node)
             time.sleep(1.0)
     if options.faults:
-        faults.run(quiet, graph.own_disk)
+        faults.run(quiet)
     while time.monotonic() < until and graph.nodes.poll() is None:
         time.sleep(0.2)
     minutes = (time.monotonic() - began) / 60
@@ -206,7 +223,7 @@ def run(options, folder, cleanup):
 
 
 def report(options, graph, minutes, users, surgeon, last, faults, gaps, memory, errors, kept, lost, folder):
-    command = f'script/soak {options.minutes:g}' + ' --faults' * options.faults + (f' --kills {options.kills}' if options.kills else '')
+    command = f'script/soak {options.minutes:g}' + ' --faults' * options.faults + ' --clock' * options.clock + (f' --kills {options.kills}' if options.kills else '')
     lines = [f'`{command} --seed {options.seed}`: {minutes:.1f} minutes, {len(faults)} faults'
              + ('' if graph.own_disk or not options.faults else ' (no disk of its own here: none of a full one)') + '.', '']
     lines += ['| who asks | captures asked | acknowledged | refused | unanswered |', '| --- | --- | --- | --- | --- |']

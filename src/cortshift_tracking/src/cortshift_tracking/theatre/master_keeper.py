@@ -1,7 +1,7 @@
 """Puts into a new ROS master what the old one knew, so that a graph outlives its master.
 
 A master that is started again knows neither nodes nor parameters, and nodes of ROS 1 register once. Here what the master knows is
-copied every COPY seconds. When another master answers at the same address, every node that still lives is registered there under its
+copied once a second. When another master answers at the same address, every node that still lives is registered there under its
 own name, and the parameters that it lacks are set, `/run_id` too, by which nodes that start again find their case. Topics go from node
 to node and services to nodes: what flows is not interrupted. Not brought back: who asked to be told of changes of a parameter.
 """
@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 import rosgraph
 import rospy
 
-LOOK = 0.5       # s between looks whether the master is still the same
-COPY = 2.0       # s between copies of what it knows
+LOOK = 1.0       # s between copies of what the master knows
 ANSWER = 2.0     # s that a node has to answer
 NEW_RUN = 5.0    # s for a new roscore to set /run_id; set before, it would end at the sight of another one
 UNREACHABLE = (OSError, http.client.HTTPException, xmlrpc.client.Error, rosgraph.MasterException)
@@ -107,16 +106,16 @@ class Master:
 
 def keep(master, name):
     """Until the node ends. Copies, and teaches a master that does not know `name`."""
-    known, copied = Knowledge(), 0
+    known = Knowledge()
     while not rospy.is_shutdown():
         try:
-            if known.nodes and not master.knows(name):
+            found = master.knowledge()
+            if name in found.nodes:
+                known = found
+            elif known.nodes:
                 back = master.teach(known)
-                rospy.logwarn('The master was started again: %d of its %d nodes and the parameters were put into the new one', len(back), len(known.nodes))
-            elif time.monotonic() - copied > COPY:
-                found = master.knowledge()
-                if name in found.nodes:   # else another one has come just now
-                    known, copied = found, time.monotonic()
+                rospy.logwarn('The master was started again; put into the new one: parameters, %s; already there, or gone: %s', ' '.join(sorted(back)),
+                              ' '.join(sorted(set(known.nodes) - back)))
         except UNREACHABLE:
             pass   # it is gone, or just going: looked at again
         time.sleep(LOOK)

@@ -14,6 +14,13 @@ PATIENCE = 60.0     # s for a node to be whole again
 PAUSE = (3.0, 9.0)  # s between faults
 STILL = 3.0         # s that the driver stands still
 FULL = 6.0          # s that the disk is full
+STEP = 2.0          # s that the clock is set by ...
+STEPPED = 8.0       # s ... and for so long
+
+
+def set_clock(seconds):
+    """The machine's, by so much. @raises PermissionError"""
+    time.clock_settime(time.CLOCK_REALTIME, time.clock_gettime(time.CLOCK_REALTIME) + seconds)
 
 
 @dataclass
@@ -36,7 +43,8 @@ class Victims:
             'probe': lambda began: self._answers('/probe/list_points', ListPoints),
             'igtl_bridge': lambda began: self._accepts(),
             'case_recorder': lambda began: True,
-            'console_page': lambda began: self._serves()}
+            'console_page': lambda began: self._serves(),
+            'master_keeper': lambda began: True}
 
     @property
     def nodes(self):
@@ -78,9 +86,9 @@ class Victims:
 class Faults:
     """done: every fault so far, the one under way included."""
 
-    def __init__(self, victims, igtl_port, case_folder, random):
+    def __init__(self, victims, graph, random):
         self.done = []
-        self._victims, self._igtl, self._case, self._random = victims, igtl_port, case_folder, random
+        self._victims, self._graph, self._random = victims, graph, random
 
     def _begin(self, kind):
         self.done.append(Fault(kind, time.monotonic()))
@@ -108,7 +116,7 @@ class Faults:
         """Connects, takes nothing, and stays: longer than the bridge waits for a peer that takes nothing."""
         fault = self._begin('client hangs')
         try:
-            self._hanging = socket.create_connection(('127.0.0.1', self._igtl), timeout=2)   # closed when the next one hangs
+            self._hanging = socket.create_connection(('127.0.0.1', self._graph.igtl), timeout=2)   # closed when the next one hangs
             self._hanging.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         except OSError:
             pass
@@ -117,7 +125,7 @@ class Faults:
 
     def disk_full(self):
         fault = self._begin('disk full')
-        ballast = os.path.join(self._case, 'ballast')
+        ballast = os.path.join(self._graph.case, 'ballast')
         try:
             with open(ballast, 'wb', buffering=0) as file:
                 while file.write(bytes(1 << 20)):
@@ -128,14 +136,38 @@ class Faults:
         os.unlink(ballast)
         fault.ended, fault.whole = time.monotonic(), 0.0
 
-    def kinds(self, own_disk):
+    def master_ends(self):
+        """And another one is started: all nodes are to be found there, and answer."""
+        fault = self._begin('master ends')
+        self._graph.end_master()
+        self._graph.start_master()
+        whole = [self._victims.wait_whole(node, fault.began) for node in self._victims.nodes]
+        fault.whole = None if None in whole else max(whole)
+        fault.ended = time.monotonic()
+
+    def clock_is_set(self):
+        """By STEP, and back: what a time server does that is found late."""
+        fault = self._begin('clock is set')
+        step = self._random.choice((STEP, -STEP))
+        try:
+            set_clock(step)
+            time.sleep(STEPPED)
+        finally:
+            set_clock(-step)
+        began = time.monotonic()
+        whole = [self._victims.wait_whole(node, began) for node in self._victims.nodes]
+        fault.whole = None if None in whole else max(whole)
+        fault.ended = time.monotonic()
+
+    def kinds(self):
         """Functions to choose from; nodes weigh more than the rest."""
         kinds = [lambda node=node: self.kill(node) for node in self._victims.nodes] * 2
-        return kinds + [self.driver_stands_still, self.driver_stands_still, self.client_hangs] + [self.disk_full] * 2 * own_disk
+        kinds += [self.driver_stands_still, self.driver_stands_still, self.client_hangs, self.master_ends]
+        return kinds + [self.disk_full] * 2 * self._graph.own_disk + [self.clock_is_set] * self._graph.own_clock
 
-    def run(self, until, own_disk):
+    def run(self, until):
         """At random until a time."""
-        kinds = self.kinds(own_disk)
+        kinds = self.kinds()
         while time.monotonic() < until:
-            self._random.choice(kinds)()
             time.sleep(self._random.uniform(*PAUSE))
+            self._random.choice(kinds)()
