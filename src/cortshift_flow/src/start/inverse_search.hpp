@@ -10,8 +10,8 @@ struct InverseSearch {
   FlowPlanes forward, backward;
 };
 
-/// Flow between the images of `fine`, both ways, on the grid of half its density, in that grid's pixels. Runs on OpenCV's
-/// threads; their number, which belongs to the whole process, is neither changed nor seen in the result.
+/// Flow between the images of `fine`, both ways, on the grid of half its density, in that grid's pixels. Runs on
+/// OpenCV's threads; their number, which belongs to the whole process, is neither changed nor seen in the result.
 /// @param size  of that grid
 InverseSearch inverseSearch(const Level& fine, cv::Size size);
 

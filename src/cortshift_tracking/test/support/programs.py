@@ -1,7 +1,9 @@
-"""Where the programs of the workspace are: tests start hundreds of them, and rosrun searches for half a second of processor time
-each. That rosrun finds each documented one is documented_commands_test's to show."""
+"""Where the programs of the workspace are, and ports for them. Tests start hundreds of programs, and rosrun searches for half a second
+of processor time each. That rosrun finds each documented one is documented_commands_test's to show."""
+import contextlib
 import functools
 import os
+import socket
 
 
 @functools.lru_cache(maxsize=None)
@@ -11,3 +13,12 @@ def program(name, package='cortshift_tracking'):
     found = [path for path in paths if os.access(path, os.X_OK)]
     assert found, f'{name} of {package} is at none of {paths}; build it'
     return found[0]
+
+
+def free_ports(count):
+    """Different ones, of the loopback address, that nobody listens on."""
+    with contextlib.ExitStack() as held:
+        sockets = [held.enter_context(socket.socket()) for _ in range(count)]
+        for one in sockets:
+            one.bind(('127.0.0.1', 0))
+        return [one.getsockname()[1] for one in sockets]

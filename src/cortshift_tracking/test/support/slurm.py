@@ -9,7 +9,7 @@ import subprocess
 import tempfile
 import time
 
-from ports import free_ports
+from programs import free_ports
 
 # No control groups, no accounting: neither rights nor a system manager are needed, nor is anything outside of the folder.
 # cred_expire [s]: how long the jobs of a node that went down wait before they start again; 5 is the least that Slurm takes.

@@ -11,7 +11,7 @@ import xmlrpc.client
 import pytest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / 'support'))
-from ports import free_ports  # noqa: E402
+from programs import free_ports  # noqa: E402
 
 PATIENCE = 60
 # A node that gives times, and one that takes them and says of each how long after the one before it came.

@@ -21,7 +21,7 @@ import zlib
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 SUPPORT = ROOT / 'src/cortshift_tracking/test/support'
 sys.path[:0] = [str(SUPPORT), str(SUPPORT / 'soak')]
-from ports import free_ports  # noqa: E402
+from programs import free_ports  # noqa: E402
 START = 90.0          # s for the graph to be there
 TOPICS = ('/stereo/left/image_raw', '/surface/points', '/microscope/pose', '/tf', '/shift/field', '/diagnostics')
 RECORDED = ('/stereo/left/image_raw', '/tf')
