@@ -1,6 +1,8 @@
 // A GigE Vision camera in software. Its images hold, in their first eight bytes, when they were exposed (ns since
 // 1970): whatever a driver says about an image can be held against that.
-//   fake_gige_camera ADDRESS SERIAL
+//   fake_gige_camera ADDRESS SERIAL [PICTURE]
+// PICTURE: a file with the bytes of an image, which is shown as it is at each exposure, and another one as soon as it
+// is there.
 #include <arv.h>
 #include <sys/prctl.h>
 
@@ -8,10 +10,11 @@
 #include <csignal>
 #include <cstdio>
 #include <cstring>
+#include <fstream>
 
 namespace {
 
-void paint(ArvBuffer* buffer, void*, guint32, guint32, ArvPixelFormat) {
+void paint(ArvBuffer* buffer, void* picture, guint32, guint32, ArvPixelFormat) {
   const std::int64_t now =
       std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
   // The buffer's own size counts what was received, which is nothing on this side.
@@ -19,14 +22,18 @@ void paint(ArvBuffer* buffer, void*, guint32, guint32, ArvPixelFormat) {
                     static_cast<std::size_t>(arv_buffer_get_image_height(buffer));
   auto* pixels = static_cast<unsigned char*>(const_cast<void*>(arv_buffer_get_data(buffer, nullptr)));
   std::memset(pixels, 100, size);
-  if (size >= sizeof now) std::memcpy(pixels, &now, sizeof now);
+  if (picture != nullptr)
+    std::ifstream(static_cast<const char*>(picture), std::ios::binary)
+        .read(reinterpret_cast<char*>(pixels), static_cast<std::streamsize>(size));
+  else if (size >= sizeof now)
+    std::memcpy(pixels, &now, sizeof now);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 3) {
-    std::fprintf(stderr, "usage: fake_gige_camera ADDRESS SERIAL\n");
+  if (argc != 3 && argc != 4) {
+    std::fprintf(stderr, "usage: fake_gige_camera ADDRESS SERIAL [PICTURE]\n");
     return 2;
   }
   prctl(PR_SET_PDEATHSIG, SIGKILL);  // a test that is killed leaves no camera behind
@@ -36,7 +43,7 @@ int main(int argc, char** argv) {
     return 1;
   }
   ArvFakeCamera* sensor = arv_gv_fake_camera_get_fake_camera(camera);
-  arv_fake_camera_set_fill_pattern(sensor, paint, nullptr);
+  arv_fake_camera_set_fill_pattern(sensor, paint, argc == 4 ? argv[3] : nullptr);
   // How often it looks whether it has been triggered: at the default of 25 Hz two cameras would expose 40 ms apart
   // whenever a trigger meets such an instant.
   constexpr double kLooksPerSecond = 100;

@@ -18,6 +18,8 @@ import threading
 import time
 import zlib
 
+import yaml
+
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 SUPPORT = ROOT / 'src/cortshift_tracking/test/support'
 sys.path[:0] = [str(SUPPORT), str(SUPPORT / 'soak')]
@@ -25,22 +27,22 @@ from programs import free_ports  # noqa: E402
 START = 90.0          # s for the graph to be there
 TOPICS = ('/stereo/left/image_raw', '/surface/points', '/microscope/pose', '/tf', '/shift/field', '/diagnostics')
 RECORDED = ('/stereo/left/image_raw', '/tf')
+DROPOUTS = 0.03       # of the tracker, per second
 DISK_FOR = 15         # minutes that 1 GB of the case's disk is enough for
 QUIET = 1500.0        # s without faults at the end of a long run: growth of memory shows only in nodes that live
 LONG = 2400.0         # s of a long run
 LAUNCH = '''<launch>
   <include file="{root}/launch/compute_pc.launch"><arg name="case_folder" value="{folder}/case"/><arg name="page" value="{page}"/></include>
   <include file="{root}/launch/capture_pc.launch">
-    <arg name="phantom" value="{support}/two_stages.yaml"/><arg name="preflight" value="false"/>
+    <arg name="phantom" value="{phantom}"/><arg name="site" value="{folder}/site.yaml"/><arg name="preflight" value="false"/>
   </include>
   <group ns="shift_tracker"><rosparam command="load" file="{support}/coarse_config/shift_tracker.yaml"/></group>
   <group ns="surface_reconstruction"><rosparam command="load" file="{support}/coarse_config/surface_reconstruction.yaml"/></group>
-  <param name="/case_recorder/folder" value="{folder}/recordings"/>
-  <param name="/case_recorder/minutes" value="1.0"/><param name="/case_recorder/files" value="1000"/>
   <param name="/igtl_bridge/listen_port" value="{igtl}"/>
   <param name="/stereo_driver/tracker_dropouts" value="{dropouts}"/><param name="/stereo_driver/tracker_dropout_length" value="1.0"/>
 </launch>
 '''
+CASE = SUPPORT / 'two_stages.yaml'
 
 
 def options_of(arguments):
@@ -51,6 +53,7 @@ def options_of(arguments):
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--output')
     parser.add_argument('--report')
+    parser.add_argument('--cameras', action='store_true')
     parser.add_argument('--clock', action='store_true')
     parser.add_argument('--own-mounts', action='store_true')
     options = parser.parse_args(arguments)
@@ -89,8 +92,17 @@ class Graph:
         os.environ.update(ROS_MASTER_URI=f'http://localhost:{self._port}', ROS_HOSTNAME='localhost', ROS_HOME=str(folder / 'home'))
         os.environ.pop('ROS_LOG_DIR', None)
         launch = folder / 'soak.launch'
-        launch.write_text(LAUNCH.format(root=ROOT, support=SUPPORT, folder=folder, page=self.page, igtl=self.igtl,
-                                        dropouts=0.03 if options.faults else 0.0))
+        dropouts = DROPOUTS if options.faults else 0.0
+        recordings = {'folder': str(folder / 'recordings'), 'minutes': 1.0, 'files': 1000}
+        site = {'case_recorder': recordings}
+        self.theatre = None
+        if options.cameras:
+            from soak_theatre import CamerasAndTracker
+            self.theatre = CamerasAndTracker(folder / 'theatre', str(CASE), self.igtl, dropouts, cleanup)
+            site = self.theatre.site(recordings)
+        (folder / 'site.yaml').write_text(yaml.safe_dump(site))
+        launch.write_text(LAUNCH.format(root=ROOT, support=SUPPORT, folder=folder, page=self.page, igtl=self.igtl, dropouts=dropouts,
+                                        phantom='' if self.theatre else CASE))
         self.log = open(folder / 'graph.log', 'w+', encoding='utf-8')
         cleanup.callback(self.log.close)
         self.start_master()
@@ -159,7 +171,7 @@ def run(options, folder, cleanup):
     if missing:
         return [], [f'the graph is not whole after {START:.0f} s: {", ".join(missing)}\n{graph.tail()}']
     errors, memory = Errors(faults.done), Memory(victims.nodes)
-    surgeon = Surgeon(gaps, 2.0, 'soak')
+    surgeon = Surgeon(gaps, 2.0, 'soak', graph.theatre)
     while surgeon.capture() is None or not surgeon.acknowledged:
         if time.monotonic() > deadline + START:
             return [], [f'no capture is accepted: {surgeon.refusals}\n{graph.tail()}']
@@ -191,7 +203,7 @@ def run(options, folder, cleanup):
     memory.sample()
     # Afterwards everything is there again: each node, a capture, live mode.
     wrong += [f'{node} is not back' for node in victims.nodes if victims.wait_whole(node, time.monotonic()) is None]
-    last = Surgeon(gaps, 0, 'last')
+    last = Surgeon(gaps, 0, 'last', graph.theatre)
     after = time.monotonic()
     while not last.acknowledged and time.monotonic() < after + 60:
         last.capture()
@@ -223,7 +235,7 @@ def run(options, folder, cleanup):
 
 
 def report(options, graph, minutes, users, surgeon, last, faults, gaps, memory, errors, kept, lost, folder):
-    command = f'script/soak {options.minutes:g}' + ' --faults' * options.faults + ' --clock' * options.clock + (f' --kills {options.kills}' if options.kills else '')
+    command = f'script/soak {options.minutes:g}' + ' --faults' * options.faults + ' --cameras' * options.cameras + ' --clock' * options.clock + (f' --kills {options.kills}' if options.kills else '')
     lines = [f'`{command} --seed {options.seed}`: {minutes:.1f} minutes, {len(faults)} faults'
              + ('' if graph.own_disk or not options.faults else ' (no disk of its own here: none of a full one)') + '.', '']
     lines += ['| who asks | captures asked | acknowledged | refused | unanswered |', '| --- | --- | --- | --- | --- |']

@@ -12,7 +12,7 @@ from soak_watch import pid_of
 
 PATIENCE = 60.0     # s for a node to be whole again
 PAUSE = (3.0, 9.0)  # s between faults
-STILL = 3.0         # s that the driver stands still
+STILL = 3.0         # s that the driver stands still, or a camera has no power
 FULL = 6.0          # s that the disk is full
 STEP = 2.0          # s that the clock is set by ...
 STEPPED = 8.0       # s ... and for so long
@@ -112,6 +112,13 @@ class Faults:
             fault.whole = self._victims.wait_whole('stereo_driver', time.monotonic())
         fault.ended = time.monotonic()
 
+    def camera_gone(self):
+        """One of the two, and the pairs with it."""
+        fault = self._begin('camera gone')
+        self._graph.theatre.camera_gone(self._random.choice(('left', 'right')), STILL)
+        fault.whole = self._victims.wait_whole('stereo_driver', time.monotonic())
+        fault.ended = time.monotonic()
+
     def client_hangs(self):
         """Connects, takes nothing, and stays: longer than the bridge waits for a peer that takes nothing."""
         fault = self._begin('client hangs')
@@ -163,6 +170,7 @@ class Faults:
         """Functions to choose from; nodes weigh more than the rest."""
         kinds = [lambda node=node: self.kill(node) for node in self._victims.nodes] * 2
         kinds += [self.driver_stands_still, self.driver_stands_still, self.client_hangs, self.master_ends]
+        kinds += [self.camera_gone] * 3 * bool(self._graph.theatre)
         return kinds + [self.disk_full] * 2 * self._graph.own_disk + [self.clock_is_set] * self._graph.own_clock
 
     def run(self, until):

@@ -48,9 +48,10 @@ class User:
 class Surgeon(User):
     """Captures a stage, and a shift from the one before it."""
 
-    def __init__(self, gaps, period, prefix):
+    def __init__(self, gaps, period, prefix, theatre=None):
+        """theatre: what shows the stages; None: the phantom's driver."""
         super().__init__(gaps, period)
-        self._number, self._prefix, self.shifts = 0, prefix, 0
+        self._number, self._prefix, self.shifts, self._theatre = 0, prefix, 0, theatre
 
     def _call(self, name, kind, *arguments):
         try:
@@ -76,13 +77,19 @@ class Surgeon(User):
 
     def once(self):
         if self._number % 4 == 0:
-            self._call('/stereo_driver/set_stage', SetPhantomStage, PHANTOM_STAGES[self._number // 4 % 2])
+            self._show(PHANTOM_STAGES[self._number // 4 % 2])
         self.capture()
         if len(self.acknowledged) > 1:
             answer = self._call('/shift_tracker/compute_shift', ComputeShift, *self.acknowledged[-2:])
             self.count('shifts asked')
             if answer is not None and answer.success:
                 self.shifts += 1
+
+    def _show(self, stage):
+        if self._theatre:
+            self._theatre.set_stage(stage)
+        else:
+            self._call('/stereo_driver/set_stage', SetPhantomStage, stage)
 
     def track(self, key):
         answer = self._call('/shift_tracker/track', TrackShift, key, True)
