@@ -133,7 +133,8 @@ class Aravis(unittest.TestCase):
             process.wait(timeout=30)
             output.seek(0)
             print(re.sub('\x1b\\[[0-9;]*m', '', output.read())[-1500:])
-            rospy.delete_param('/stereo_driver')
+            if rospy.has_param('/stereo_driver'):
+                rospy.delete_param('/stereo_driver')
         self.addCleanup(stop)
         return process
 
@@ -191,6 +192,16 @@ class Aravis(unittest.TestCase):
             self.wait_for_pairs(20, 'more of them')
         pairs = self.pairs.take()
         self.assert_all_belong_together(pairs[:-1] if np.isnan(pairs[-1]).any() else pairs)
+
+    def test_driver_killed_and_started_again(self):
+        """Its cameras still send, to whom is gone: at the first connection to each the next driver gets images."""
+        self.camera(0), self.camera(1)
+        for _ in range(3):
+            killed = self.driver(1 / PERIOD, ('Software', 'Software'))
+            self.wait_for_pairs(20, 'pairs')
+            wait_until(lambda: int(self.diagnostics.get('pairs', 0)) >= 10, 20, 'diagnostics')
+            self.assertEqual([self.diagnostics[f'{side} connections'] for side in ('left', 'right')], ['1', '1'])
+            kill(killed)
 
     def test_trigger_service(self):
         self.camera(0), self.camera(1)

@@ -27,7 +27,7 @@ struct AravisSettings {
   bool packet_socket = true;     ///< GigE Vision: receive by a packet socket where the system permits
   double frame_retention = 0.2;  ///< GigE Vision: how long an image may wait for its missing packets [s]
   double reconnect_min = 0.2;    ///< first wait before connecting again [s]; doubles ...
-  double reconnect_max = 2;      ///< ... up to this
+  double reconnect_max = 1;      ///< ... up to this
 
   /// @throws std::invalid_argument naming setting, value and what is allowed
   void validate() const;

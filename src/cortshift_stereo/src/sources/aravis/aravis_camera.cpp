@@ -172,6 +172,8 @@ class AravisCamera::Implementation {
     Check check(name_);
     Object<ArvCamera> camera(arv_camera_new(settings_.device.c_str(), check.slot()));
     check.that("cannot connect to " + settings_.device);
+    // Of a driver that was killed it may still send images to the port, and lock what is to be set.
+    arv_camera_stop_acquisition(camera.get(), nullptr);
     configure(camera.get());
     Object<ArvStream> stream(arv_camera_create_stream(camera.get(), nullptr, nullptr, check.slot()));
     check.that("no image stream");
