@@ -17,7 +17,7 @@ enum class Method {
 /// What computeFlow needs to know beside the images. Each default is written here and nowhere else; a default
 /// constructed FlowSettings is the preset "default".
 struct FlowSettings {
-  int threads = 0;  ///< worker threads; 0: all that OpenCV has. The result has the same bits for any number.
+  int threads = 0;  ///< worker threads beside OpenCV's own; 0: as many as OpenCV has. Any number gives the same bits.
   Method method = Method::kPolished;
 
   // Eq. (3)-(5) of the paper, intensities 0...1.

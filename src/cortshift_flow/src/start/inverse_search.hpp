@@ -11,7 +11,8 @@ struct InverseSearch {
 };
 
 /// Flow between the images of `fine`, both ways, on the grid of half its density, in that grid's pixels. Runs on
-/// OpenCV's threads; their number, which belongs to the whole process, is neither changed nor seen in the result.
+/// OpenCV's threads; their number, which belongs to the whole process, is not changed, nor seen in the result: DIS
+/// divides its work into a fixed number of stripes (OpenCV 4.6; flow_threads_test).
 /// @param size  of that grid
 InverseSearch inverseSearch(const Level& fine, cv::Size size);
 

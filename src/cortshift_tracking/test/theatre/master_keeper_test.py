@@ -127,7 +127,7 @@ def test_a_new_master_knows_what_the_old_one_knew(room):
         late = f'late{time.monotonic()}'
         room.script(late, TAKER, late.replace('.', ''))   # who comes now finds whom it needs
         wait_until(lambda: len(room.lines(late)) > 3, 'times for one who came later')   # noqa: B023
-        assert 'put into the new one: parameters, /giver /master_keeper /other /taker; already there' in (room.folder / 'keeper').read_text()
+        assert 'put into the new one: parameters, /giver /master_keeper /other /taker; not:' in (room.folder / 'keeper').read_text()
         time.sleep(3)
     assert max(float(line) for line in room.lines('taker')[3:]) < 1.0, 'times were interrupted'
 
@@ -144,6 +144,29 @@ def test_who_died_with_the_master_is_not_registered_and_who_started_again_stays_
     wait_until(lambda: len(room.lines('taker')) > received + 3, 'times of the new giver')
     assert room.ask('lookupNode', '/other') is None
     assert room.taker.poll() is None and len(room.ask('getSystemState')[0]) > 1
+
+
+def test_a_node_that_stands_still_is_no_dead_one(room):
+    room.end_master()
+    os.kill(room.giver.pid, signal.SIGSTOP)
+    room.start_master()
+    wait_until(lambda: room.ask('lookupNode', '/master_keeper'), 'the nodes')
+    assert room.ask('lookupNode', '/giver')
+    os.kill(room.giver.pid, signal.SIGCONT)
+    received = len(room.lines('taker'))
+    wait_until(lambda: len(room.lines('taker')) > received + 3, 'times, by the connection that there was')
+
+
+def test_a_node_that_registered_something_before_the_keeper_came_is_completed(room):
+    address = room.ask('lookupNode', '/giver')
+    room.end_master()
+    os.kill(room.keeper.pid, signal.SIGSTOP)
+    room.start_master()
+    room.master.registerPublisher('/giver', '/late', 'std_msgs/Time', address)
+    os.kill(room.keeper.pid, signal.SIGCONT)
+    wait_until(lambda: room.ask('lookupNode', '/master_keeper'), 'the nodes')
+    published = dict(room.ask('getSystemState')[0])
+    assert published['/times'] == published['/late'] == ['/giver']
 
 
 def test_what_the_new_master_says_of_a_parameter_holds(room):

@@ -9,8 +9,8 @@ import zlib
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
-sys.path[:0] = [str(ROOT / 'src/cortshift_tracking/test/support/soak'), str(ROOT / 'src/cortshift_tracking/test/support'),
-                str(ROOT / 'src/cortshift_tracking/test/theatre')]
+SUPPORT = ROOT / 'src/cortshift_tracking/test/support'
+sys.path[:0] = [str(SUPPORT), str(SUPPORT / 'soak')]
 import soak  # noqa: E402
 import soak_watch  # noqa: E402
 from programs import program  # noqa: E402
@@ -32,7 +32,7 @@ def test_a_short_one_with_faults(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     told = report.read_text()
     assert re.search(r'Acknowledged [1-9]\d*, found afterwards with their checksum [1-9]\d*, lost 0', told), told
-    assert 'kill -9' in told and '| `/surface/points` |' in told and '| shift_tracker | ' in told and 'parts of the recording' in told
+    assert 'kill -9' in told and '| master ends | 1 |' in told and '| `/surface/points` |' in told and '| shift_tracker | ' in told and 'parts of the recording' in told
     assert not subprocess.run(['pgrep', '-f', r'cortshift_soak\.'], capture_output=True, text=True, check=False).stdout   # nothing is left
 
 

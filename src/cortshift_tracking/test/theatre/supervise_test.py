@@ -34,19 +34,21 @@ def launcher_fixture(tmp_path, monkeypatch):
     return start
 
 
+def serve(known, address=('localhost', 0)):
+    """The parameters of a master."""
+    server = SimpleXMLRPCServer(address, logRequests=False)
+    server.register_function(lambda _, key: (1, '', key in known), 'hasParam')
+    server.register_function(lambda _, key: (1, '', known[key]), 'getParam')
+    server.register_function(lambda _, key, value: known.update({key: value}) or (1, '', 0), 'setParam')
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    return server
+
+
 @pytest.fixture(name='master')
 def master_fixture(monkeypatch):
     """What of a master the parameter of restarts needs."""
     known = {}
-
-    def tell(key, value):
-        known[key] = value
-        return 1, '', 0
-    server = SimpleXMLRPCServer(('localhost', 0), logRequests=False)
-    server.register_function(lambda _, key: (1, '', key in known), 'hasParam')
-    server.register_function(lambda _, key: (1, '', known[key]), 'getParam')
-    server.register_function(lambda _, key, value: tell(key, value), 'setParam')
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    server = serve(known)
     yield f'http://localhost:{server.server_address[1]}', known
     server.shutdown()
 
@@ -70,17 +72,23 @@ def test_whatever_else_ends_is_started_again_and_the_master_knows_why(launcher, 
     assert known['count'] == 1 and known['why'] == why
 
 
-def test_nothing_starts_under_a_master_that_does_not_know_the_launch_yet(launcher, master, monkeypatch):
-    """It has no parameters either: the node would take those that it has by itself."""
-    monkeypatch.setenv('ROS_MASTER_URI', master[0])
-    master[1]['/run_id'] = 'of another roscore'
+def test_nothing_starts_before_the_master_knows_the_launch(launcher, monkeypatch):
+    """One that was started again has no parameters: the node would take those that it has by itself. And none may be there for long."""
+    server = SimpleXMLRPCServer(('localhost', 0), logRequests=False)
+    monkeypatch.setenv('ROS_MASTER_URI', f'http://localhost:{server.server_address[1]}')
+    server.server_close()
     run = launcher('sh', '-c', 'echo started; kill -9 $$', 'sh', '__name:=tracker', '__log:=/var/log/7c1b-run/tracker-1.log')
     run.stdout.readline()
+    time.sleep(2)
+    assert run.poll() is None
+    known = {'/run_id': 'of another roscore'}
+    server = serve(known, server.server_address)
     time.sleep(1.5)
-    assert run.poll() is None and '/restarts/tracker' not in master[1]
-    master[1]['/run_id'] = '7c1b-run'
+    assert run.poll() is None and '/restarts/tracker' not in known
+    known['/run_id'] = '7c1b-run'
     out, _ = run.communicate(timeout=10)
-    assert out.startswith('started') and master[1]['/restarts/tracker']['count'] == 1
+    assert out.startswith('started') and known['/restarts/tracker']['count'] == 1
+    server.shutdown()
 
 
 def test_a_node_that_ran_before_does_not_end_the_launch(tmp_path, launcher, master, monkeypatch):

@@ -1,11 +1,12 @@
 """Puts into a new ROS master what the old one knew, so that a graph outlives its master.
 
 A master that is started again knows neither nodes nor parameters, and nodes of ROS 1 register once. Here what the master knows is
-copied once a second. When another master answers at the same address, every node that still lives is registered there under its
-own name, and the parameters that it lacks are set, `/run_id` too, by which nodes that start again find their case. Topics go from node
-to node and services to nodes: what flows is not interrupted. Not brought back: who asked to be told of changes of a parameter.
+copied once a second. When another master answers at the same address, every node that is still there is registered under its own
+name, and the parameters that it lacks are set; at the end `/run_id`, by which nodes that start again find their case, and
+script/supervise sees that it may start them. Topics go from node to node and services to nodes: what flows is not interrupted. Not
+brought back: what was registered in the last second, who asked to be told of changes of a parameter, and anything should this
+node end together with the master.
 """
-import http.client
 import time
 import xmlrpc.client
 from dataclasses import dataclass, field
@@ -13,10 +14,10 @@ from dataclasses import dataclass, field
 import rosgraph
 import rospy
 
-LOOK = 1.0       # s between copies of what the master knows
-ANSWER = 2.0     # s that a node has to answer
-NEW_RUN = 5.0    # s for a new roscore to set /run_id; set before, it would end at the sight of another one
-UNREACHABLE = (OSError, http.client.HTTPException, xmlrpc.client.Error, rosgraph.MasterException)
+LOOK = 1.0        # s between copies of what the master knows
+ANSWER = 2.0      # s that a node has to answer
+NEW_RUN = 20.0    # s for a new roscore to set /run_id; were it there before, roscore would end at the sight of another one
+ITS_OWN = ('run_id', 'roslaunch')   # parameters that a new roscore sets for itself
 
 
 class Impatient(xmlrpc.client.Transport):
@@ -27,74 +28,106 @@ class Impatient(xmlrpc.client.Transport):
 
 
 def ask(address, call, *arguments):
-    """What a master or node answers. @raises one of UNREACHABLE, rosgraph.MasterException where it does not know"""
-    code, told, value = getattr(xmlrpc.client.ServerProxy(address, transport=Impatient()), call)(*arguments)
+    """What a master or node answers. @raises rosgraph.MasterException where it does not know, and whatever the network does"""
+    return value_of(getattr(xmlrpc.client.ServerProxy(address, transport=Impatient()), call)(*arguments))
+
+
+def value_of(answer):
+    code, told, value = answer
     if code != 1:
         raise rosgraph.MasterException(told)
     return value
 
 
+def is_gone(address, name):
+    """Whether nobody listens there. A node that hangs is not gone."""
+    try:
+        ask(address, 'getPid', name)
+    except ConnectionRefusedError:
+        return True
+    except Exception:  # it may be slow, or stand still
+        return False
+    return False
+
+
 @dataclass
 class Knowledge:
-    """Of a master: parameters as a tree, address of each node's own interface, (node, address) of each service."""
+    """Of a master: parameters as a tree; address of each node's own interface; (node, topic, type) of publishers and of subscribers;
+    (service, node, address)."""
     parameters: dict = field(default_factory=dict)
     nodes: dict = field(default_factory=dict)
-    services: dict = field(default_factory=dict)
+    published: list = field(default_factory=list)
+    subscribed: list = field(default_factory=list)
+    services: list = field(default_factory=list)
 
 
 class Master:
     def __init__(self, address, name):
-        self._address, self._name = address, name
+        self._address, self._name, self._new_since = address, name, None
 
     def __call__(self, call, *arguments, name=None):
         return ask(self._address, call, name or self._name, *arguments)
 
-    def knows(self, node):
+    def _ask_all(self, call, names):
+        """{name: value} of one request for all of them."""
+        calls = [{'methodName': call, 'params': [self._name, name]} for name in names]
+        answers = xmlrpc.client.ServerProxy(self._address, transport=Impatient()).system.multicall(calls) if calls else []
+        return {name: value_of(answer[0]) for name, answer in zip(names, answers)}
+
+    def _finds(self, call, name):
         try:
-            self('lookupNode', node)
-            return True
+            return self(call, name)
         except rosgraph.MasterException:
-            return False
+            return None
 
     def knowledge(self):
-        *topics, services = self('getSystemState')
-        nodes = {node for kind in (*topics, services) for _, names in kind for node in names}
-        return Knowledge(self('getParam', '/'), {node: self('lookupNode', node) for node in nodes},
-                         {service: (names[0], self('lookupService', service)) for service, names in services})
+        published, subscribed, services = self('getSystemState')
+        kinds = dict(self('getTopicTypes'))
+        nodes = sorted({node for kind in (published, subscribed, services) for _, names in kind for node in names})
+        addresses = self._ask_all('lookupService', [service for service, _ in services])
+        return Knowledge(self('getParam', '/'), self._ask_all('lookupNode', nodes),
+                         [(node, topic, kinds.get(topic, '*')) for topic, names in published for node in names],
+                         [(node, topic, kinds.get(topic, '*')) for topic, names in subscribed for node in names],
+                         [(service, names[0], addresses[service]) for service, names in services])
 
     def teach(self, before):
-        """Registers the nodes of `before` that live and that it does not know, and sets the parameters that it lacks. Their names."""
-        until = time.monotonic() + NEW_RUN
-        while 'run_id' in before.parameters and not self('hasParam', '/run_id') and time.monotonic() < until:
-            time.sleep(0.1)
-        self._set_missing('', before.parameters, self('getParam', '/'))
+        """Registers the nodes of `before` that are there still, and sets the parameters that it lacks. May be done again.
+
+        @return names of nodes; None: it is too early
+        """
+        self._new_since = self._new_since or time.monotonic()
+        if 'run_id' in before.parameters and not self('hasParam', '/run_id') and time.monotonic() < self._new_since + NEW_RUN:
+            return None
+        self._set_missing('', {name: value for name, value in before.parameters.items() if name not in ITS_OWN}, self('getParam', '/'))
+        # A node that was started again has registered itself, from another address.
+        there = {node for node, address in before.nodes.items()
+                 if self._finds('lookupNode', node) in (None, address) and not is_gone(address, self._name)}
+        self._register(before, there - {self._name})
         if 'run_id' in before.parameters:
             self('setParam', '/run_id', before.parameters['run_id'])
-        back = self._register(before, set(before.nodes) - {self._name})
-        return back | self._register(before, {self._name})   # last: by its own name it knows a master that was taught
+        self._register(before, there & {self._name})   # last: by its own name it sees that a master has been taught
+        self._new_since = None
+        return there
 
     def _register(self, before, nodes):
-        published, subscribed, back = [], [], set()
-        for node in nodes:
-            if self.knows(node):
-                continue   # started again, and registered by itself
-            address = before.nodes[node]
-            try:
-                published += [(node, *topic, address) for topic in ask(address, 'getPublications', self._name)]
-                subscribed += [(node, *topic, address) for topic in ask(address, 'getSubscriptions', self._name)]
-                back.add(node)
-            except UNREACHABLE:
-                pass       # it died with the master
         # Publishers first: a subscriber that is told of some of its publishers leaves the others.
-        for node, *topic in published:
-            self('registerPublisher', *topic, name=node)
-        for service, (node, address) in before.services.items():
-            if node in back:
+        for node, topic, kind in before.published:
+            if node in nodes:
+                self('registerPublisher', topic, kind, before.nodes[node], name=node)
+        for service, node, address in before.services:
+            if node in nodes and self._finds('lookupService', service) is None:
                 self('registerService', service, address, before.nodes[node], name=node)
-        for node, topic, kind, address in subscribed:
-            publishers = self('registerSubscriber', topic, kind, address, name=node)
-            ask(address, 'publisherUpdate', '/master', topic, publishers)   # those that have started since then are new to it
-        return back
+        for node, topic, kind in before.subscribed:
+            if node in nodes:
+                self._tell(before.nodes[node], topic, self('registerSubscriber', topic, kind, before.nodes[node], name=node))
+
+    @staticmethod
+    def _tell(address, topic, publishers):
+        """A subscriber of all publishers: those that have started since are new to it."""
+        try:
+            ask(address, 'publisherUpdate', '/master', topic, publishers)
+        except Exception:  # it hangs, or died just now
+            pass
 
     def _set_missing(self, space, wanted, there):
         for name, value in wanted.items():
@@ -106,7 +139,7 @@ class Master:
 
 def keep(master, name):
     """Until the node ends. Copies, and teaches a master that does not know `name`."""
-    known = Knowledge()
+    known, failure = Knowledge(), ''
     while not rospy.is_shutdown():
         try:
             found = master.knowledge()
@@ -114,10 +147,14 @@ def keep(master, name):
                 known = found
             elif known.nodes:
                 back = master.teach(known)
-                rospy.logwarn('The master was started again; put into the new one: parameters, %s; already there, or gone: %s', ' '.join(sorted(back)),
-                              ' '.join(sorted(set(known.nodes) - back)))
-        except UNREACHABLE:
-            pass   # it is gone, or just going: looked at again
+                if back is not None:
+                    rospy.logwarn('The master was started again; put into the new one: parameters, %s; not: %s', ' '.join(sorted(back)),
+                                  ' '.join(sorted(set(known.nodes) - back)))
+            failure = ''
+        except Exception as error:  # the master is gone, or just going: whatever that looks like, it is looked at again
+            if str(error) != failure and not isinstance(error, OSError):
+                rospy.logwarn('what the master knows is not copied or put back just now: %s', error)
+            failure = str(error)
         time.sleep(LOOK)
 
 

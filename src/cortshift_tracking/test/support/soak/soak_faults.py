@@ -174,8 +174,10 @@ class Faults:
         return kinds + [self.disk_full] * 2 * self._graph.own_disk + [self.clock_is_set] * self._graph.own_clock
 
     def run(self, until):
-        """At random until a time."""
+        """The master's end, which every node is to outlive, then at random until a time."""
         kinds = self.kinds()
+        time.sleep(PAUSE[0])
+        self.master_ends()
         while time.monotonic() < until:
             time.sleep(self._random.uniform(*PAUSE))
             self._random.choice(kinds)()

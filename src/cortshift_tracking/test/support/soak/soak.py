@@ -20,7 +20,7 @@ import zlib
 
 import yaml
 
-ROOT = pathlib.Path(__file__).resolve().parents[4]
+ROOT = pathlib.Path(__file__).resolve().parents[5]
 SUPPORT = ROOT / 'src/cortshift_tracking/test/support'
 sys.path[:0] = [str(SUPPORT), str(SUPPORT / 'soak')]
 from programs import free_ports  # noqa: E402
@@ -235,7 +235,8 @@ def run(options, folder, cleanup):
 
 
 def report(options, graph, minutes, users, surgeon, last, faults, gaps, memory, errors, kept, lost, folder):
-    command = f'script/soak {options.minutes:g}' + ' --faults' * options.faults + ' --cameras' * options.cameras + ' --clock' * options.clock + (f' --kills {options.kills}' if options.kills else '')
+    words = [f' --{name}' for name in ('faults', 'cameras', 'clock') if getattr(options, name)] + [f' --kills {options.kills}'] * bool(options.kills)
+    command = f'script/soak {options.minutes:g}' + ''.join(words)
     lines = [f'`{command} --seed {options.seed}`: {minutes:.1f} minutes, {len(faults)} faults'
              + ('' if graph.own_disk or not options.faults else ' (no disk of its own here: none of a full one)') + '.', '']
     lines += ['| who asks | captures asked | acknowledged | refused | unanswered |', '| --- | --- | --- | --- | --- |']
