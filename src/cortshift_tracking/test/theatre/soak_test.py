@@ -63,8 +63,9 @@ def test_gaps_tell_those_of_faults_apart():
 
 def test_memory_is_of_the_process_that_lived_longest():
     memory = soak_watch.Memory(['node'])
-    memory._samples['node'] = {1: [(0.0, 50.0), (10.0, 51.0)], 2: [(t, 100.0 + t / 100) for t in range(0, 1201, 60)]}
+    memory._samples['node'] = {1: [(0.0, 50.0), (10.0, 51.0)], 2: [(t, 100.0 + t / 100) for t in range(0, 1201, 5)]}
+    memory._samples['node'][2][-1] = (1200, 150.0)   # in the middle of something
     (node, processes, seconds, start, end, growth), = memory.rows()
-    assert (node, processes, seconds, start, end) == ('node', 2, 1200, 100.6, 112.0)
-    assert growth == pytest.approx(100 * (112 / 106 - 1))
+    assert (node, processes, seconds) == ('node', 2, 1200) and start == pytest.approx(100.9) and end == pytest.approx(111.7)
+    assert growth == pytest.approx(100 * (111.7 / 106.3 - 1))
     assert soak_watch.resident(os.getpid()) > 5 and soak_watch.resident(2 ** 22 + 1) is None

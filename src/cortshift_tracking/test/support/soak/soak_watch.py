@@ -1,5 +1,6 @@
 """What is watched while the graph runs: gaps of streams, memory of nodes, errors."""
 import re
+import statistics
 import threading
 import time
 import xmlrpc.client
@@ -9,6 +10,7 @@ import rospy
 from rosgraph_msgs.msg import Log
 
 WARM = 60.0       # s after which a node's memory is taken as that of its start
+AROUND = 60.0     # s: the middle of what is measured in so long counts, since memory comes and goes with each capture and shift
 AFTER = 20.0      # s after a fault in which errors are put down to it
 STEADY = 600.0    # s after which a node's memory is not to grow any more
 
@@ -77,6 +79,12 @@ class Memory:
             if size:
                 processes.setdefault(pid, []).append((time.monotonic(), size))
 
+    @staticmethod
+    def _typical(life, since):
+        """[MB] of the AROUND seconds after a time of its life [s]."""
+        began = life[0][0] + since
+        return statistics.median(size for at, size in life if began <= at <= began + AROUND)
+
     def rows(self):
         """(node, processes, seconds of the one that lived longest, MB at its start, at its end, growth after STEADY [%] or None)."""
         out = []
@@ -87,9 +95,9 @@ class Memory:
                 continue
             life = max(lives, key=lambda samples: samples[-1][0] - samples[0][0])
             seconds = life[-1][0] - life[0][0]
-            start = next((size for at, size in life if at - life[0][0] >= min(WARM, seconds / 2)), life[0][1])
-            steady = next((size for at, size in life if at - life[0][0] >= STEADY), None)
-            out.append((node, len(processes), seconds, start, life[-1][1], steady and 100 * (life[-1][1] / steady - 1)))
+            start, end = self._typical(life, min(WARM, seconds / 2)), self._typical(life, max(0, seconds - AROUND))
+            steady = self._typical(life, STEADY) if seconds > STEADY + AROUND else None
+            out.append((node, len(processes), seconds, start, end, steady and 100 * (end / steady - 1)))
         return out
 
 
