@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <string>
+#include <thread>
 
 #include "cortshift_flow/flo_file.hpp"
 #include "cortshift_flow/flow.hpp"
@@ -35,6 +36,17 @@ std::string refusal(const Call& call) {
 #define EXPECT_REFUSAL(call, about) EXPECT_NE(refusal([&] { call; }).find(about), std::string::npos) << #call
 
 class EveryPreset : public testing::TestWithParam<std::string> {};
+
+TEST_P(EveryPreset, TwoAtTheSameTimeGiveTheSameBits) {
+  const PlanarPhantom& p = small();
+  const FlowSettings settings = FlowSettings::preset(GetParam());
+  const FlowResult alone = computeFlow(p.first, p.second, {}, settings);
+  FlowResult one;
+  std::thread beside([&] { one = computeFlow(p.first, p.second, {}, settings); });
+  const FlowResult other = computeFlow(p.first, p.second, {}, settings);
+  beside.join();
+  EXPECT_TRUE(sameBits(alone.flow, one.flow) && sameBits(alone.flow, other.flow));
+}
 
 TEST_P(EveryPreset, IdenticalImagesDoNotMove) {
   const PlanarPhantom& p = small();

@@ -59,15 +59,10 @@ TEST_P(EveryPreset, LeavesTheNumberOfOpenCvsThreadsAlone) {
   std::thread watch([&] {
     while (!over) seen.insert(cv::getNumThreads());
   });
-  const FlowResult alone = computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2));
+  computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2));
   over = true;
   watch.join();
   EXPECT_EQ(seen, std::set<int>{3});
-  FlowResult one, other;
-  std::thread beside([&] { one = computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2)); });
-  other = computeFlow(p.first, p.second, {}, withThreads(GetParam(), 2));
-  beside.join();
-  EXPECT_TRUE(sameBits(alone.flow, one.flow) && sameBits(alone.flow, other.flow));
 }
 
 INSTANTIATE_TEST_SUITE_P(Presets, EveryPreset, testing::Values("default", "fast", "ji2014"));
