@@ -5,6 +5,7 @@ namespace cortshift_tracking {
 namespace {
 
 TEST_F(ShiftTrackerNode, TimesOutWithTheReasonOfTheReconstruction) {
+  ros::Duration(2.5).sleep();  // what another test published is too old by now
   diagnostic_msgs::DiagnosticArray message;
   message.status.resize(1);
   message.status[0].name = "surface_reconstruction: surface";
