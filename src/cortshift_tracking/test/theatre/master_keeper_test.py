@@ -11,6 +11,7 @@ import xmlrpc.client
 import pytest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / 'support'))
+from graph import wait_until  # noqa: E402
 from programs import free_ports  # noqa: E402
 
 PATIENCE = 60
@@ -37,13 +38,6 @@ rospy.init_node(sys.argv[1])
 rospy.Subscriber('/times', Time, take)
 rospy.spin()
 '''
-
-def wait_until(holds, what):
-    end = time.monotonic() + PATIENCE
-    while not holds():
-        assert time.monotonic() < end, f'waited {PATIENCE} s for {what}'
-        time.sleep(0.1)
-
 
 class Room:
     """A master of its own, and programs under it."""
@@ -74,7 +68,7 @@ class Room:
 
     def start_master(self):
         self._roscore = self.run('roscore', 'roscore', '-p', str(self.port))
-        wait_until(lambda: self.ask('hasParam', '/run_id'), 'the master')
+        wait_until(lambda: self.ask('hasParam', '/run_id'), PATIENCE, 'the master')
 
     def end_master(self):
         os.kill(self.ask('getPid'), signal.SIGKILL)
@@ -102,8 +96,8 @@ def a_room(tmp_path):
         room.other = room.script('other', TAKER, 'other')
         room.keeper = room.run('keeper', '/usr/bin/python3', str(pathlib.Path(__file__).resolve().parents[2] / 'scripts/master_keeper'))
         for name in ('giver', 'taker', 'other', 'master_keeper'):
-            wait_until(lambda: room.ask('lookupNode', '/' + name), name)   # noqa: B023
-        wait_until(lambda: len(room.lines('taker')) > 3, 'times')
+            wait_until(lambda: room.ask('lookupNode', '/' + name), PATIENCE, name)   # noqa: B023
+        wait_until(lambda: len(room.lines('taker')) > 3, PATIENCE, 'times')
         time.sleep(2)   # copied by then
         yield room
 
@@ -118,7 +112,7 @@ def test_a_new_master_knows_what_the_old_one_knew(room):
         room.end_master()
         time.sleep(2)
         room.start_master()
-        wait_until(lambda: room.ask('lookupNode', '/master_keeper'), 'the nodes')
+        wait_until(lambda: room.ask('lookupNode', '/master_keeper'), PATIENCE, 'the nodes')
         for name in ('/giver', '/taker', '/other'):
             assert room.ask('lookupNode', name), name
         assert room.ask('getParam', '/run_id') == run
@@ -126,7 +120,7 @@ def test_a_new_master_knows_what_the_old_one_knew(room):
         assert 'rosout' in asked(room)
         late = f'late{time.monotonic()}'
         room.script(late, TAKER, late.replace('.', ''))   # who comes now finds whom it needs
-        wait_until(lambda: len(room.lines(late)) > 3, 'times for one who came later')   # noqa: B023
+        wait_until(lambda: len(room.lines(late)) > 3, PATIENCE, 'times for one who came later')   # noqa: B023
         assert 'put into the new one: parameters, /giver /master_keeper /other /taker; not:' in (room.folder / 'keeper').read_text()
         time.sleep(3)
     assert max(float(line) for line in room.lines('taker')[3:]) < 1.0, 'times were interrupted'
@@ -140,8 +134,8 @@ def test_who_died_with_the_master_is_not_registered_and_who_started_again_stays_
     time.sleep(1)
     received = len(room.lines('taker'))
     room.start_master()
-    wait_until(lambda: room.ask('lookupNode', '/master_keeper'), 'the nodes')
-    wait_until(lambda: len(room.lines('taker')) > received + 3, 'times of the new giver')
+    wait_until(lambda: room.ask('lookupNode', '/master_keeper'), PATIENCE, 'the nodes')
+    wait_until(lambda: len(room.lines('taker')) > received + 3, PATIENCE, 'times of the new giver')
     assert room.ask('lookupNode', '/other') is None
     assert room.taker.poll() is None and len(room.ask('getSystemState')[0]) > 1
 
@@ -150,11 +144,11 @@ def test_a_node_that_stands_still_is_no_dead_one(room):
     room.end_master()
     os.kill(room.giver.pid, signal.SIGSTOP)
     room.start_master()
-    wait_until(lambda: room.ask('lookupNode', '/master_keeper'), 'the nodes')
+    wait_until(lambda: room.ask('lookupNode', '/master_keeper'), PATIENCE, 'the nodes')
     assert room.ask('lookupNode', '/giver')
     os.kill(room.giver.pid, signal.SIGCONT)
     received = len(room.lines('taker'))
-    wait_until(lambda: len(room.lines('taker')) > received + 3, 'times, by the connection that there was')
+    wait_until(lambda: len(room.lines('taker')) > received + 3, PATIENCE, 'times, by the connection that there was')
 
 
 def test_a_node_that_registered_something_before_the_keeper_came_is_completed(room):
@@ -164,7 +158,7 @@ def test_a_node_that_registered_something_before_the_keeper_came_is_completed(ro
     room.start_master()
     room.master.registerPublisher('/giver', '/late', 'std_msgs/Time', address)
     os.kill(room.keeper.pid, signal.SIGCONT)
-    wait_until(lambda: room.ask('lookupNode', '/master_keeper'), 'the nodes')
+    wait_until(lambda: room.ask('lookupNode', '/master_keeper'), PATIENCE, 'the nodes')
     published = dict(room.ask('getSystemState')[0])
     assert published['/times'] == published['/late'] == ['/giver']
 
@@ -175,7 +169,7 @@ def test_what_the_new_master_says_of_a_parameter_holds(room):
     room.start_master()
     room.ask('setParam', '/site/name', 'room 4')
     os.kill(room.keeper.pid, signal.SIGCONT)
-    wait_until(lambda: room.ask('lookupNode', '/master_keeper'), 'the nodes')
+    wait_until(lambda: room.ask('lookupNode', '/master_keeper'), PATIENCE, 'the nodes')
     assert room.ask('getParam', '/site') == {'name': 'room 4', 'lamp': {'on': True}}
 
 

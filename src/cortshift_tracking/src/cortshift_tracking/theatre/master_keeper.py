@@ -46,7 +46,7 @@ def is_gone(address, name):
     except ConnectionRefusedError:
         return True
     except Exception:  # it may be slow, or stand still
-        return False
+        pass
     return False
 
 
