@@ -9,6 +9,7 @@
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/trust/probability.hpp"
 #include "matching/flow_targets.hpp"
+#include "parallel.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -167,8 +168,7 @@ Pair pairOf(const Projection& earlier, const Projection& later, const cv::Mat& e
     shrink(projection.colour, usable, step, seen.colour, seen.usable);
     seen.pattern = flowImage(seen.colour, seen.usable, channels, detail);
   };
-  see(earlier, earlier_usable, pair.first);
-  see(later, later_usable, pair.second);
+  sideBySide({[&] { see(earlier, earlier_usable, pair.first); }, [&] { see(later, later_usable, pair.second); }});
   return pair;
 }
 

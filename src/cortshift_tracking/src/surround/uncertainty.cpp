@@ -8,6 +8,7 @@
 #include "cortshift_flow/flow.hpp"
 #include "cortshift_stereo/refinement/refinement.hpp"
 #include "matching/flow_targets.hpp"
+#include "parallel.hpp"
 
 namespace cortshift_tracking {
 namespace {
@@ -41,36 +42,42 @@ cv::Mat heightErrorsOf(const Measured& measured) {
   cv::Mat later;
   cv::remap(measured.later.confidence, later, flowTargets(measured.flow), {}, cv::INTER_LINEAR, cv::BORDER_CONSTANT, 0);
   cv::Mat errors(later.size(), CV_32FC1);
-  for (int row = 0; row < errors.rows; ++row)
-    for (int column = 0; column < errors.cols; ++column) {
-      const double first = measured.earlier_pixel *
-                           cortshift_stereo::deviationOf(measured.earlier.confidence.at<float>(row, column)),
-                   second = measured.later_pixel * cortshift_stereo::deviationOf(later.at<float>(row, column));
-      errors.at<float>(row, column) = static_cast<float>(std::min(kMost, std::hypot(first, second)));
-    }
+  parallelRanges(errors.rows, 0, [&](int first_row, int last_row) {
+    for (int row = first_row; row < last_row; ++row)
+      for (int column = 0; column < errors.cols; ++column) {
+        const double first = measured.earlier_pixel *
+                             cortshift_stereo::deviationOf(measured.earlier.confidence.at<float>(row, column)),
+                     second = measured.later_pixel * cortshift_stereo::deviationOf(later.at<float>(row, column));
+        errors.at<float>(row, column) = static_cast<float>(std::min(kMost, std::hypot(first, second)));
+      }
+  });
   return errors;
 }
 
 cv::Mat ownErrorsOf(const Measured& measured, const cv::Mat& height_errors) {
   cv::Mat own(height_errors.size(), CV_32FC1);
-  for (int row = 0; row < own.rows; ++row)
-    for (int column = 0; column < own.cols; ++column) {
-      const double match = measured.earlier.resolution *
-                           cortshift_flow::predictedError(measured.flow_confidence.at<float>(row, column)),
-                   height = static_cast<double>(height_errors.at<float>(row, column));
-      own.at<float>(row, column) = static_cast<float>(std::min(kMost, std::hypot(height, match)));
-    }
+  parallelRanges(own.rows, 0, [&](int first, int last) {
+    for (int row = first; row < last; ++row)
+      for (int column = 0; column < own.cols; ++column) {
+        const double match = measured.earlier.resolution *
+                             cortshift_flow::predictedError(measured.flow_confidence.at<float>(row, column)),
+                     height = static_cast<double>(height_errors.at<float>(row, column));
+        own.at<float>(row, column) = static_cast<float>(std::min(kMost, std::hypot(height, match)));
+      }
+  });
   return own;
 }
 
 cv::Mat uncertaintyOf(const DisplacementField& field, const cv::Mat& own, const Surround& surround) {
   cv::Mat uncertainty(field.displacement_pmr.size(), CV_32FC1, cv::Scalar(std::numeric_limits<float>::quiet_NaN()));
-  for (int row = 0; row < uncertainty.rows; ++row)
-    for (int column = 0; column < uncertainty.cols; ++column) {
-      if (!isVector(field, row, column)) continue;
-      const double common = sdAt(surround.covariance, surround.centre, startAt(field, row, column));
-      uncertainty.at<float>(row, column) = static_cast<float>(std::hypot(own.at<float>(row, column), common));
-    }
+  parallelRanges(uncertainty.rows, 0, [&](int first, int last) {
+    for (int row = first; row < last; ++row)
+      for (int column = 0; column < uncertainty.cols; ++column) {
+        if (!isVector(field, row, column)) continue;
+        const double common = sdAt(surround.covariance, surround.centre, startAt(field, row, column));
+        uncertainty.at<float>(row, column) = static_cast<float>(std::hypot(own.at<float>(row, column), common));
+      }
+  });
   return uncertainty;
 }
 

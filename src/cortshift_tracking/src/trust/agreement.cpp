@@ -44,6 +44,29 @@ float median(const cv::Mat& values, const cv::Mat& weight) {
   return *middle;
 }
 
+/// Correlation and residual.
+void comparePatterns(const cv::Mat& a, const cv::Mat& b, const WindowMean& window, double image_noise,
+                     Agreement& agreement) {
+  const cv::Mat mean_a = window.of(a), mean_b = window.of(b), mean_aa = window.of(a.mul(a)),
+                mean_bb = window.of(b.mul(b)), mean_ab = window.of(a.mul(b));
+  const auto noise = static_cast<float>(image_noise * image_noise);
+  agreement.correlation = cv::Mat::zeros(a.size(), CV_32FC1);
+  agreement.residual = cv::Mat(a.size(), CV_32FC1, cv::Scalar(1));
+  for (int row = 0; row < a.rows; ++row)
+    for (int column = 0; column < a.cols; ++column) {
+      if (window.weight().at<float>(row, column) == 0 ||
+          window.share().at<float>(row, column) < WindowMean::kLeastShare)
+        continue;
+      const float ma = mean_a.at<float>(row, column), mb = mean_b.at<float>(row, column);
+      const float va = std::max(0.0F, mean_aa.at<float>(row, column) - ma * ma),
+                  vb = std::max(0.0F, mean_bb.at<float>(row, column) - mb * mb),
+                  cross = mean_ab.at<float>(row, column) - ma * mb;
+      // The noise in the denominator makes the correlation small where there is little texture.
+      agreement.correlation.at<float>(row, column) = cross / std::sqrt((va + noise) * (vb + noise));
+      agreement.residual.at<float>(row, column) = std::sqrt(std::max(0.0F, va + vb - 2 * cross));
+    }
+}
+
 /// A change of the lamp's colour or of the camera's white balance is the same everywhere: it is subtracted.
 cv::Mat hueChange(const cv::Mat& first, const cv::Mat& second, const WindowMean& window) {
   const std::vector<cv::Mat> before = logRatios(first, window), after = logRatios(second, window);
@@ -120,27 +143,16 @@ Agreement agreementOf(const Seen& first, const Seen& second, const cv::Mat& flow
   weight.convertTo(weight, CV_32F, 1.0 / 255.0);
 
   const WindowMean window(weight, settings.window, resolution);
-  const cv::Mat mean_a = window.of(a), mean_b = window.of(b), mean_aa = window.of(a.mul(a)),
-                mean_bb = window.of(b.mul(b)), mean_ab = window.of(a.mul(b));
-  const auto noise = static_cast<float>(settings.image_noise * settings.image_noise);
   Agreement agreement;
-  agreement.correlation = cv::Mat::zeros(a.size(), CV_32FC1);
-  agreement.residual = cv::Mat(a.size(), CV_32FC1, cv::Scalar(1));
-  agreement.hue = hueChange(first.colour, second_colour, {weight, kHueWindow * settings.window, resolution});
-  agreement.bend = bendOf(flow, resolution, {cv::Mat::ones(a.size(), CV_32FC1), settings.window, resolution});
-  agreement.aperture = apertureOf(a, b, window, resolution, settings.image_noise);
-  for (int row = 0; row < a.rows; ++row)
-    for (int column = 0; column < a.cols; ++column) {
-      if (weight.at<float>(row, column) == 0 || window.share().at<float>(row, column) < WindowMean::kLeastShare)
-        continue;
-      const float ma = mean_a.at<float>(row, column), mb = mean_b.at<float>(row, column);
-      const float va = std::max(0.0F, mean_aa.at<float>(row, column) - ma * ma),
-                  vb = std::max(0.0F, mean_bb.at<float>(row, column) - mb * mb),
-                  cross = mean_ab.at<float>(row, column) - ma * mb;
-      // The noise in the denominator makes the correlation small where there is little texture.
-      agreement.correlation.at<float>(row, column) = cross / std::sqrt((va + noise) * (vb + noise));
-      agreement.residual.at<float>(row, column) = std::sqrt(std::max(0.0F, va + vb - 2 * cross));
-    }
+  sideBySide(
+      {[&] { comparePatterns(a, b, window, settings.image_noise, agreement); },
+       [&] { agreement.aperture = apertureOf(a, b, window, resolution, settings.image_noise); },
+       [&] {
+         agreement.hue = hueChange(first.colour, second_colour, {weight, kHueWindow * settings.window, resolution});
+       },
+       [&] {
+         agreement.bend = bendOf(flow, resolution, {cv::Mat::ones(a.size(), CV_32FC1), settings.window, resolution});
+       }});
   return agreement;
 }
 

@@ -117,11 +117,13 @@ cv::Mat usableMask(const Projection& projection, const TrustSettings& settings) 
   settings.validate();
   cv::Mat glare(projection.mask.size(), CV_8UC1);
   const auto limit = static_cast<float>(settings.glare);
-  for (int row = 0; row < glare.rows; ++row)
-    for (int column = 0; column < glare.cols; ++column) {
-      const cv::Vec3f& c = projection.colour.at<cv::Vec3f>(row, column);
-      glare.at<uchar>(row, column) = std::min({c[0], c[1], c[2]}) >= limit ? 255 : 0;
-    }
+  parallelRanges(glare.rows, 0, [&](int first, int last) {
+    for (int row = first; row < last; ++row)
+      for (int column = 0; column < glare.cols; ++column) {
+        const cv::Vec3f& c = projection.colour.at<cv::Vec3f>(row, column);
+        glare.at<uchar>(row, column) = std::min({c[0], c[1], c[2]}) >= limit ? 255 : 0;
+      }
+  });
   if (settings.glare_margin > 0) cv::dilate(glare, glare, disc(settings.glare_margin / projection.resolution));
   cv::Mat usable = projection.mask.clone();
   usable.setTo(0, projection.fold);
@@ -157,11 +159,14 @@ VectorEvidence evidenceOf(const Projection& earlier, const Projection& later, co
   VectorEvidence evidence;
   evidence.resolution = earlier.resolution;
   evidence.flow_confidence = match.confidence;
-  evidence.agreement = agreementOf(seen(earlier, earlier_usable), seen(later, later_usable), match.flow,
-                                   earlier.resolution, settings.agreement);
-  evidence.roughness = roughnessOf(earlier, later, map, settings.agreement.window);
   evidence.height_errors = height_errors;
-  evidence.allowed = inner(earlier) & earlier_usable & sample(inner(later) & later_usable, map, cv::INTER_NEAREST);
+  Seen first, second;
+  cv::Mat start_inside, end_inside;
+  sideBySide({[&] { first = seen(earlier, earlier_usable); }, [&] { second = seen(later, later_usable); },
+              [&] { start_inside = inner(earlier); }, [&] { end_inside = inner(later); },
+              [&] { evidence.roughness = roughnessOf(earlier, later, map, settings.agreement.window); }});
+  evidence.agreement = agreementOf(first, second, match.flow, earlier.resolution, settings.agreement);
+  evidence.allowed = start_inside & earlier_usable & sample(end_inside & later_usable, map, cv::INTER_NEAREST);
   return evidence;
 }
 
