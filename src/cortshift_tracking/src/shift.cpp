@@ -4,6 +4,7 @@
 #include <string>
 #include <utility>
 
+#include "cortshift_flow/text.hpp"
 #include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/surround/uncertainty.hpp"
 
@@ -23,6 +24,35 @@ class Stopwatch {
  private:
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
+
+std::string gridOf(const ProjectionFrame& frame) {
+  return cortshift_flow::formatted("metres of its projection frame, whose grid is %.3f m wide and %.3f m high",
+                                   frame.resolution * (frame.size.width - 1),
+                                   frame.resolution * (frame.size.height - 1));
+}
+
+/// @throws TrackingError if a region touches no point of the grid: it was drawn on something else, or not in metres
+cv::Mat excludedOn(const ProjectionFrame& frame, const std::vector<Region>& regions) {
+  for (const Region& region : regions)
+    if (cv::countNonZero(excludedMask(frame, {region})) == 0)
+      throw TrackingError("an excluded region lies nowhere on the earlier stage; give its corners in " + gridOf(frame));
+  return excludedMask(frame, regions);
+}
+
+/// @throws TrackingError if next to nothing of the surface is within: all of it would count as what does not move
+cv::Mat brainOn(const Reference& earlier, const std::vector<Region>& brain) {
+  constexpr double kLeast = 25e-6;  // [m2] a window of 5 mm
+  const ProjectionFrame& frame = earlier.frame;
+  cv::Mat mask = excludedMask(frame, brain);
+  const double area = frame.resolution * frame.resolution * cv::countNonZero(mask & earlier.projection.mask);
+  if (area < kLeast)
+    throw TrackingError(
+        cortshift_flow::formatted("the outline that was drawn of the brain covers %.0f mm2 of the earlier "
+                                  "stage's surface; draw it again with set_outline, in ",
+                                  1e6 * area) +
+        gridOf(frame) + ", or take it back with no polygon at all");
+  return mask;
+}
 
 std::string percent(double part) { return std::to_string(static_cast<int>(100 * part)) + " %"; }
 
@@ -53,7 +83,7 @@ Reference prepareReference(const cortshift_stereo::Surface& earlier_pmr, const S
   reference.points_pmr = earlier_pmr.points;
   reference.frame = fitProjectionFrame(earlier_pmr, settings.frame);
   reference.projection = project(earlier_pmr, reference.frame, settings.projection);
-  reference.excluded = excludedMask(reference.frame, excluded);
+  reference.excluded = excludedOn(reference.frame, excluded);
   reference.usable = usableMask(reference.projection, settings.trust);
   reference.usable.setTo(0, reference.excluded);
   reference.outline = proposeOutline(reference.projection);
@@ -117,9 +147,8 @@ ShiftResult computeShift(const Reference& earlier, const cortshift_stereo::Surfa
     result.own_displacements_pmr =
         displacementsOfPoints(earlier.frame, result.earlier, result.later, match.flow, confidence, settings.inversion);
   }
-  const Outline outline = knowledge.brain.empty()
-                              ? earlier.outline
-                              : Outline{excludedMask(earlier.frame, knowledge.brain), {}, "drawn by hand"};
+  const Outline outline =
+      knowledge.brain.empty() ? earlier.outline : Outline{brainOn(earlier, knowledge.brain), {}, "drawn by hand"};
   result.field.brain = outline.brain;
   const Surround surround = assessSurround(result.field, knowledge, settings.surround, outline.opening);
   if (surround.corrected) {

@@ -95,6 +95,28 @@ TEST_F(Shift, ChangedShadingDoesNotMoveTheField) {
   EXPECT_GT(errors.coverage, 0.7);
 }
 
+TEST_F(Shift, WhatIsDrawnBesideTheStageIsRefused) {
+  ShiftSettings settings;
+  settings.frame.resolution = 0.0004;
+  const auto earlier = scene.see(camera, AnalyticScene::atRest()), later = scene.see(moved, sagAndShift(0.003, 0.001));
+  const Region beside{{0.2, 0.2}, {0.25, 0.2}, {0.25, 0.25}}, on_it{{0.012, 0.008}, {0.033, 0.008}, {0.02, 0.025}};
+  const auto refusal = [&](const std::vector<Region>& excluded, const std::vector<Region>& brain) -> std::string {
+    PairKnowledge knowledge;
+    knowledge.brain = brain;
+    try {
+      computeShift(earlier, later, directions(earlier), settings, excluded, knowledge);
+    } catch (const TrackingError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(refusal({on_it}, {on_it}), "");
+  EXPECT_THAT(refusal({on_it, beside}, {}), testing::StartsWith("an excluded region lies nowhere on the earlier stage; "
+                                                                "give its corners in metres of its projection frame"));
+  EXPECT_THAT(refusal({}, {beside}), testing::StartsWith("the outline that was drawn of the brain covers 0 mm2 of the "
+                                                         "earlier stage's surface; draw it again with set_outline"));
+}
+
 TEST_F(Shift, APredictionIsAStartAndNoMore) {
   ShiftSettings settings;
   settings.frame.resolution = 0.0002;  // as in live mode

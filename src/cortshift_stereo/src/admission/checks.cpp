@@ -113,6 +113,9 @@ Check checkOf(CheckId id) {
               "less than a period of the pairs or " + number(ClockLimits::kTransport) +
                   " s apart, in a running graph " + number(ClockLimits::kLive) + " s; else warned of",
               "", "reconstruction, process_bag, validate_bag"};
+    case CheckId::kTrackerClock:
+      return {"tracker_clock", "stamps of a moving edge against when they came in, beside those of the pair",
+              "not ahead by more than " + number(ClockLimits::kTransport) + " s; else refused", "", "reconstruction"};
     case CheckId::kAbsurdStamp:
       return {"absurd_stamp", "record time of a message against that of the others",
               "within the recording; else left out and said", "", "process_bag, validate_bag"};

@@ -15,6 +15,7 @@ constexpr double kPlainly = 3;          // times: noise of one source has next_b
 constexpr double kOutlier = 4;          // times the median deviation; of 10 samples of noise the worst is twice it
 constexpr double kNeighbours = 1.5;     // variance of a deviation over that of a sample: 1 + 2 / 4
 constexpr int64_t kPast = 10000000000;  // [ns] of samples that a repetition is looked for in
+constexpr double kByChance = 1e-3;      // a repetition that a tracker which rounds would show more often is none
 
 std::string millimetres(double metres) {
   char text[32];
@@ -32,6 +33,42 @@ double median(std::vector<double> values) {
 }
 
 bool same(const EdgeSample& a, const EdgeSample& b) { return a.T_parent_child.matrix() == b.T_parent_child.matrix(); }
+
+/// Probability that two samples which are not of one stretch without any change are the same: of a tracker that rounds
+/// what it says. Those that are as `asked` do not count.
+double chanceOfTheSame(const std::vector<EdgeSample>& samples, const EdgeSample& asked) {
+  std::vector<const EdgeSample*> others;  // the first of each stretch
+  for (std::size_t i = 0; i < samples.size(); ++i)
+    if (!same(samples[i], asked) && (i == 0 || !same(samples[i], samples[i - 1]))) others.push_back(&samples[i]);
+  if (others.size() < 2) return 0;
+  const auto less = [](const EdgeSample* a, const EdgeSample* b) {
+    const auto &first = a->T_parent_child.matrix(), &second = b->T_parent_child.matrix();
+    return std::lexicographical_compare(first.data(), first.data() + first.size(), second.data(),
+                                        second.data() + second.size());
+  };
+  std::sort(others.begin(), others.end(), less);
+  double pairs = 0, alike = 0;
+  for (std::size_t i = 1; i <= others.size(); ++i) {
+    if (i < others.size() && same(*others[i], *others[i - 1])) {
+      ++alike;
+      continue;
+    }
+    pairs += alike * (alike + 1) / 2;
+    alike = 0;
+  }
+  const auto count = static_cast<double>(others.size());
+  return pairs / (count * (count - 1) / 2);
+}
+
+/// How many samples in a row, that at `at` among them, are each the same as the one as far away as `other` is from
+/// `at`.
+int repeatedAround(const std::vector<EdgeSample>& samples, std::size_t at, std::size_t other) {
+  int count = 1;
+  for (std::size_t i = 1; std::max(at, other) + i < samples.size() && same(samples[at + i], samples[other + i]); ++i)
+    ++count;
+  for (std::size_t i = 1; i <= std::min(at, other) && same(samples[at - i], samples[other - i]); ++i) ++count;
+  return count;
+}
 
 /// Seconds of a sample since the first.
 double timeOf(const MovingEdge& edge, std::size_t sample) {
@@ -177,8 +214,8 @@ Findings checkRepetition(const MovingEdge& edge, int64_t stamp_ns) {
   const std::vector<EdgeSample>& all = edge.samples;
   const auto after = std::find_if(all.begin(), all.end(), [&](const EdgeSample& s) { return s.stamp_ns >= stamp_ns; });
   if (after == all.end()) return found;
-  // A tracker that measures never says the same twice. One that has no noise (a simulated one) is not judged: its
-  // samples are all the same while nothing moves, before the pose that is asked for as well.
+  // A tracker that measures hardly says the same twice, unless it rounds. One that has no noise (a simulated one) is
+  // not judged: its samples are all the same while nothing moves, before the pose that is asked for as well.
   auto stood = after;
   while (stood != all.begin() && same(*std::prev(stood), *after)) --stood;
   std::size_t trembled = 0, turned = 0, still = 0;
@@ -194,12 +231,17 @@ Findings checkRepetition(const MovingEdge& edge, int64_t stamp_ns) {
   }
   // Noise turns back in two of three steps.
   if (trembled < 2 * kFewest || 3 * turned < trembled || still > trembled) return found;
-  for (auto it = all.begin(); it != all.end(); ++it) {
-    if (it == after || !same(*it, *after)) continue;
+  const auto at = static_cast<std::size_t>(after - all.begin());
+  const double chance = std::max(chanceOfTheSame(all, *after), static_cast<double>(still) / (still + trembled));
+  const std::size_t others = all.size() - 1;
+  for (std::size_t other = 0; other < all.size(); ++other) {
+    if (other == at || !same(all[other], *after)) continue;
+    if (static_cast<double>(others) * std::pow(chance, repeatedAround(all, at, other)) > kByChance) continue;
     char text[32];
-    std::snprintf(text, sizeof text, "%.3f s", 1e-9 * static_cast<double>(std::abs(after->stamp_ns - it->stamp_ns)));
+    std::snprintf(text, sizeof text, "%.3f s",
+                  1e-9 * static_cast<double>(std::abs(after->stamp_ns - all[other].stamp_ns)));
     found.refuse(CheckId::kPoseRepeated, name(edge),
-                 "says bit by bit the same pose as " + std::string(text) + (it < after ? " before" : " later") +
+                 "says bit by bit the same pose as " + std::string(text) + (other < at ? " before" : " later") +
                      ", though its samples tremble",
                  "the tracker repeats itself and does not measure; check that it sees the tool, and its connection");
     return found;

@@ -1,5 +1,6 @@
 #include "cortshift_stereo/admission/rig_evidence.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <string>
@@ -33,18 +34,29 @@ Findings checkStereoEdge(const StereoModel& model, const Eigen::Isometry3d& T_le
   return found;
 }
 
-Findings checkSettingKnown(bool known, bool several) {
+Findings checkSettingKnown(const std::optional<MicroscopeSetting>& said, bool several) {
   Findings found;
+  if (said && said->possible()) return found;
   const std::string thing = "The microscope's setting";
   const std::string remedy =
       "publish or record /microscope/settings, which is latched and stands in the first part of a split recording";
-  if (known) return found;
+  const std::string unknown = "is not known (" + (said ? describe(*said) : "nothing") + " on /microscope/settings)";
   if (several)
-    found.refuse(CheckId::kSettingUnknown, thing,
-                 "is not known (nothing on /microscope/settings), and the calibration in use knows several", remedy);
+    found.refuse(CheckId::kSettingUnknown, thing, unknown + ", and the calibration in use knows several", remedy);
   else
-    found.warn(CheckId::kSettingUnknown, thing,
-               "is not known (nothing on /microscope/settings); that of the calibration is assumed", remedy);
+    found.warn(CheckId::kSettingUnknown, thing, unknown + "; that of the calibration is assumed", remedy);
+  return found;
+}
+
+Findings checkTrackerClock(const std::string& edge, std::vector<double> lags, double pair_lag) {
+  Findings found;
+  const auto middle = lags.begin() + static_cast<std::ptrdiff_t>(lags.size() / 2);
+  std::nth_element(lags.begin(), middle, lags.end());
+  if (*middle >= std::min(0.0, pair_lag) - ClockLimits::kTransport) return found;
+  char text[120];
+  std::snprintf(text, sizeof text, "come in %.3f s before the time that they are stamped with", -*middle);
+  found.refuse(CheckId::kTrackerClock, "The samples of " + edge, text,
+               "nothing is measured before its time: set the clocks of cameras and tracker by one source");
   return found;
 }
 

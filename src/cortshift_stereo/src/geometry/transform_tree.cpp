@@ -37,7 +37,7 @@ TransformTree::Sample TransformTree::makeSample(const std::string& parent, const
   constexpr double kNormTolerance = 1e-3;
   const bool rigid =
       translation.allFinite() && rotation.coeffs().allFinite() && std::abs(rotation.norm() - 1) < kNormTolerance;
-  return {parent, translation, rigid ? rotation.normalized() : rotation, rigid};
+  return {parent, translation, rigid ? rotation.normalized() : rotation, rigid, false};
 }
 
 void TransformTree::addFixed(const std::string& parent, const std::string& child, const Eigen::Vector3d& translation,
@@ -45,9 +45,16 @@ void TransformTree::addFixed(const std::string& parent, const std::string& child
   constexpr double kAtOnce = 0.3;  // [s] latched messages of several publishers come together
   Edge& edge = edges_[child];
   const Sample fixed = makeSample(parent, translation, rotation);
-  const bool another = edge.fixed && !samePose(*edge.fixed, fixed);
-  edge.contradicted = another && when && edge.fixed_since && std::abs(*when - *edge.fixed_since) < kAtOnce;
-  edge.fixed = fixed;
+  if (!edge.fixed || !samePose(*edge.fixed, fixed)) {
+    // Calibrated anew it says what it never said. What returns to an earlier pose has two publishers: one of them says
+    // all of its edges again whenever it has another one.
+    const bool again = std::any_of(edge.said.begin(), edge.said.end(),
+                                   [&](const Sample& earlier) { return samePose(earlier, fixed); });
+    const bool at_once = edge.fixed && when && edge.fixed_since && std::abs(*when - *edge.fixed_since) < kAtOnce;
+    edge.contradicted = again || at_once;
+    if (!again) edge.said.push_back(fixed);
+    edge.fixed = fixed;
+  }
   edge.fixed_since = when;
 }
 
@@ -55,7 +62,9 @@ void TransformTree::addSample(const std::string& parent, const std::string& chil
                               const Eigen::Vector3d& translation, const Eigen::Quaterniond& rotation) {
   std::map<int64_t, Sample>& samples = edges_[child].samples;
   if (!samples.empty() && stamp_ns < samples.rbegin()->first - history_ns_) samples.clear();
-  samples.emplace(stamp_ns, makeSample(parent, translation, rotation));
+  const Sample sample = makeSample(parent, translation, rotation);
+  const auto [same_stamp, added] = samples.emplace(stamp_ns, sample);
+  if (!added && !samePose(same_stamp->second, sample)) same_stamp->second.contradicted = true;
   samples.erase(samples.begin(), samples.lower_bound(samples.rbegin()->first - history_ns_));
 }
 
@@ -100,8 +109,8 @@ void TransformTree::refuseSecondSource(const std::string& child, const Edge& edg
   if (edge.contradicted)
     throw PoseError(Reason::kTwoSources, false,
                     "edge " + edgeName(edge.fixed->parent, child) +
-                        " came twice on /tf_static at the same time, with two poses: two sources for one frame; stop "
-                        "the one that is wrong");
+                        " came twice on /tf_static, with two poses at the same time or in turn: two sources for one "
+                        "frame; stop the one that is wrong, and start again what reads it");
   if (edge.samples.empty()) return;
   auto near = edge.samples.lower_bound(stamp_ns);
   if (near == edge.samples.end()) --near;
@@ -120,6 +129,10 @@ TransformTree::Link TransformTree::evaluate(const std::string& child, int64_t st
       throw PoseError(Reason::kNotRigid, false,
                       "edge " + edgeName(sample.parent, child) + ": the transform " + when +
                           " is not rigid (not finite, or its quaternion is not of unit length); check its publisher");
+    if (sample.contradicted)
+      throw PoseError(Reason::kTwoSources, false,
+                      "edge " + edgeName(sample.parent, child) + " came twice " + when +
+                          ", with two poses: two sources for one frame; stop the one that is wrong");
   };
   if (edge.fixed) {
     refuseBroken(*edge.fixed, "on /tf_static");

@@ -2,6 +2,7 @@
 
 #include <chrono>
 
+#include "cortshift_stereo/admission/rig_evidence.hpp"
 #include "cortshift_stereo/ros/pose_tree.hpp"
 
 namespace cortshift_stereo {
@@ -23,6 +24,13 @@ void PoseLookup::add(const tf2_msgs::TFMessage& message, bool fixed) {
   const std::lock_guard<std::mutex> lock(mutex_);
   noticeClock();
   addTransforms(tree_, message, fixed, ros::Time::now());
+  if (!fixed)
+    for (const geometry_msgs::TransformStamped& edge : message.transforms) {
+      constexpr std::size_t kNewest = 20;
+      std::deque<double>& lags = lags_[withoutSlash(edge.child_frame_id)];
+      lags.push_back(last_now_.toSec() - edge.header.stamp.toSec());
+      if (lags.size() > kNewest) lags.pop_front();
+    }
   arrived_.notify_all();
 }
 
@@ -31,6 +39,7 @@ void PoseLookup::noticeClock() {
   if (now < last_now_) {
     ROS_WARN("the clock jumped back by %.3f s: poses received so far are forgotten", (last_now_ - now).toSec());
     tree_.forgetSamples();
+    lags_.clear();
   }
   last_now_ = now;
 }
@@ -55,6 +64,20 @@ Findings PoseLookup::judge(const std::string& target, const std::string& source,
                            const PoseLimits& limits) {
   const std::lock_guard<std::mutex> lock(mutex_);
   return judgePoses(tree_, target, source, stamp, limits);
+}
+
+Findings PoseLookup::judgeClock(const std::string& target, const std::string& source, const ros::Time& stamp,
+                                double lag) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  Findings found;
+  for (const MovingEdge& edge :
+       tree_.movingEdges(withoutSlash(target), withoutSlash(source), static_cast<int64_t>(stamp.toNSec()), 0)) {
+    const auto known = lags_.find(edge.child);
+    if (known != lags_.end() && !known->second.empty())
+      found.add(checkTrackerClock(edge.parent + " -> " + edge.child,
+                                  std::vector<double>(known->second.begin(), known->second.end()), lag));
+  }
+  return found;
 }
 
 PoseSource PoseLookup::source(ros::WallDuration wall_timeout, const PoseLimits& limits) {

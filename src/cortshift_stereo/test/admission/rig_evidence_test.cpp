@@ -44,11 +44,31 @@ TEST(StereoEdge, TwoTruthsAreRefused) {
 }
 
 TEST(Setting, AbsentIsNotTheReference) {
-  EXPECT_TRUE(checkSettingKnown(true, true).all().empty());
-  EXPECT_EQ(checkSettingKnown(false, true).verdict(), Verdict::kRefuse);
-  const Findings assumed = checkSettingKnown(false, false);
+  const MicroscopeSetting set{1.5, 0.3};
+  EXPECT_TRUE(checkSettingKnown(set, true).all().empty());
+  EXPECT_EQ(checkSettingKnown({}, true).verdict(), Verdict::kRefuse);
+  const Findings assumed = checkSettingKnown({}, false);
   EXPECT_EQ(assumed.verdict(), Verdict::kWarn);
-  EXPECT_THAT(assumed.warnings().front(), HasSubstr("/microscope/settings"));
+  EXPECT_THAT(assumed.warnings().front(), HasSubstr("(nothing on /microscope/settings)"));
+  for (const double none : {0.0, -1.0, std::nan(""), static_cast<double>(INFINITY)})
+    for (const MicroscopeSetting& said : {MicroscopeSetting{none, 0.3}, MicroscopeSetting{1.5, none}}) {
+      EXPECT_EQ(checkSettingKnown(said, true).verdict(), Verdict::kRefuse);
+      EXPECT_THAT(checkSettingKnown(said, false).warnings().front(),
+                  HasSubstr("(" + describe(said) + " on /microscope/settings); that of the calibration is assumed"));
+    }
+}
+
+TEST(Clocks, ATrackersThatIsAheadIsRefused) {
+  const std::string edge = "reference -> microscope";
+  EXPECT_TRUE(checkTrackerClock(edge, {0.01, 0.02, -5}, 0.1).all().empty()) << "one stray stamp";
+  EXPECT_TRUE(checkTrackerClock(edge, {-0.2, -0.2}, 0.1).all().empty()) << "clocks agree to that";
+  EXPECT_TRUE(checkTrackerClock(edge, {-3.01, -3.02}, -2.9).all().empty()) << "the recorder's clock is 3 s behind";
+  const Findings found = checkTrackerClock(edge, {-37, -36.99, -36.98}, 0.1);
+  ASSERT_NE(found.refusal(), nullptr);
+  EXPECT_EQ(found.refusal()->check, CheckId::kTrackerClock);
+  EXPECT_THAT(
+      found.refusal()->sentence(),
+      HasSubstr("The samples of reference -> microscope come in 36.990 s before the time that they are stamped with"));
 }
 
 TEST(Clocks, ALagIsWarnedOfInBothDirections) {

@@ -2,8 +2,10 @@
 
 #include "cortshift_stereo/provenance.hpp"
 #include "cortshift_stereo/ros/conversions.hpp"
+#include "cortshift_stereo/ros/pose_tree.hpp"
 #include "cortshift_tracking/case/calibration_identity.hpp"
 #include "cortshift_tracking/case/patient_registration.hpp"
+#include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/field/summary.hpp"
 #include "cortshift_tracking/projection/projection_frame.hpp"
 #include "cortshift_tracking/surround/pose_uncertainty.hpp"
@@ -77,6 +79,11 @@ std::string placeRecord(StageRecord& record, const PoseSource& poses, double lat
 }
 
 std::string completeStage(StageRecord& record, const PoseSource& poses, double latency_sd) {
+  const std::string frame = cortshift_stereo::withoutSlash(record.surface->header.frame_id);
+  if (frame != "pmr")
+    throw TrackingError(
+        "the surface is in the frame '" + frame +
+        "', not pmr; a case is of one patient's pmr: leave surface_reconstruction's map_frame as it is");
   const cortshift_stereo::Surface surface = cortshift_stereo::surfaceFromPointCloud2(*record.surface);
   averageNormal(surface);  // a surface that no shift can be computed from is refused now
   record.info.valid_points = 0;

@@ -40,6 +40,7 @@ enum class CheckId {
   kPoseMotion,
   // Clocks
   kRecordTime,
+  kTrackerClock,
   kAbsurdStamp,
   kSimTime,
   kDeviceClock,

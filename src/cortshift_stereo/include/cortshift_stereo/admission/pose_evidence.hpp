@@ -49,7 +49,9 @@ Findings checkPublishers(const MovingEdge& edge, const EdgeTremble& tremble);
 /// Samples that tremble more than the tracker is known for, or one of them that jumps.
 Findings checkJitter(const MovingEdge& edge, const EdgeTremble& tremble, const PoseLimits& limits);
 
-/// A tracker that trembles, and then says bit by bit what it said before: it repeats itself and does not measure.
+/// A tracker that trembles, and then says bit by bit what it said before: it repeats itself and does not measure. Of
+/// one that rounds, single samples are the same by chance: it is refused where more of them in a row are than that
+/// explains.
 /// @param edge  with samples from well before the exposure
 Findings checkRepetition(const MovingEdge& edge, int64_t stamp_ns);
 

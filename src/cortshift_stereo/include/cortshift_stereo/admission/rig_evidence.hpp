@@ -3,9 +3,12 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "cortshift_stereo/admission/verdict.hpp"
+#include "cortshift_stereo/calibration/settings/settings_warp.hpp"
 #include "cortshift_stereo/geometry/camera_model.hpp"
 
 namespace cortshift_stereo {
@@ -14,9 +17,16 @@ namespace cortshift_stereo {
 /// @param T_left_right  right_optical in left_optical, both raw, as tf says
 Findings checkStereoEdge(const StereoModel& model, const Eigen::Isometry3d& T_left_right);
 
-/// A microscope that does not say how it is set.
+/// A microscope that does not say how it is set, or says what cannot be (see MicroscopeSetting::possible).
+/// @param said     on /microscope/settings; empty: nothing
 /// @param several  a settings calibration is in use, so that the setting decides about the geometry
-Findings checkSettingKnown(bool known, bool several);
+Findings checkSettingKnown(const std::optional<MicroscopeSetting>& said, bool several);
+
+/// A tracker's clock that is ahead of the one that notes when its samples come in.
+/// @param edge  "reference -> microscope"
+/// @param lags  [s] from the stamp of a sample until it came in, at least one
+/// @param pair_lag  [s] the same of the pair of images
+Findings checkTrackerClock(const std::string& edge, std::vector<double> lags, double pair_lag);
 
 /// The clock that stamped an exposure against the one that noted when the pair came.
 /// @param thing     that is stamped, "The stamp of the pair"

@@ -89,10 +89,12 @@ class TransformTree {
     Eigen::Vector3d translation;
     Eigen::Quaterniond rotation;
     bool rigid;
+    bool contradicted;  // another pose of this stamp came
   };
   struct Edge {
     std::optional<Sample> fixed;
     std::optional<double> fixed_since;  // [s]
+    std::vector<Sample> said;           // each pose that was fixed, once
     bool contradicted = false;          // fixed is one of two
     std::map<int64_t, Sample> samples;
   };

@@ -6,6 +6,8 @@
 #include <tf2_msgs/TFMessage.h>
 
 #include <condition_variable>
+#include <deque>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -39,6 +41,10 @@ class PoseLookup {
   Findings judge(const std::string& target, const std::string& source, const ros::Time& stamp,
                  const PoseLimits& limits);
 
+  /// A tracker whose clock is ahead: its samples would stand for a time that they were not measured at.
+  /// @param lag  [s] from the stamp of the pair until it came in: where both are ahead alike, one clock stamps both
+  Findings judgeClock(const std::string& target, const std::string& source, const ros::Time& stamp, double lag);
+
   /// Lookups with this patience, and what the samples that have come by then say. It refers to this object.
   PoseSource source(ros::WallDuration wall_timeout, const PoseLimits& limits);
 
@@ -50,6 +56,7 @@ class PoseLookup {
   std::condition_variable arrived_;
   TransformTree tree_;
   ros::Time last_now_;
+  std::map<std::string, std::deque<double>> lags_;  // [s] of the newest samples of each moving edge, by its child
 
   ros::CallbackQueue queue_;
   ros::NodeHandle node_;

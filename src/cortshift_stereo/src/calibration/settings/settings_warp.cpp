@@ -37,6 +37,10 @@ void validatePowers(const std::vector<std::pair<int, int>>& powers, const char* 
 
 }  // namespace
 
+bool MicroscopeSetting::possible() const {
+  return std::isfinite(magnification) && magnification > 0 && std::isfinite(focal_length) && focal_length > 0;
+}
+
 std::string describe(const MicroscopeSetting& setting) {
   std::ostringstream text;
   text << "magnification " << setting.magnification << ", focal length " << setting.focal_length * 1e3 << " mm";

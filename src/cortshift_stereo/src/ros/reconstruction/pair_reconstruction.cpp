@@ -58,10 +58,15 @@ PairReconstruction::PairReconstruction(const SurfaceReconstructionParameters& pa
                   parameters.settings_tolerance),
       recent_(parameters.average, static_cast<std::size_t>(parameters.average_pairs)) {}
 
+std::optional<MicroscopeSetting> settingSaid(const PairMessages& pair) {
+  if (!pair.settings) return std::nullopt;
+  return MicroscopeSetting{pair.settings->magnification, pair.settings->focal_length};
+}
+
 std::shared_ptr<const Rectifier> PairReconstruction::rectifierFor(const PairMessages& pair) {
   calibrate(pair);
-  std::optional<MicroscopeSetting> setting;  // judgeKnown has said what absent means
-  if (pair.settings) setting = {pair.settings->magnification, pair.settings->focal_length};
+  std::optional<MicroscopeSetting> setting = settingSaid(pair);
+  if (setting && !setting->possible()) setting.reset();  // judgeKnown has said what absent means
   if (setting && !rectifiers_.reference())
     ROS_WARN_STREAM("no reference setting is configured: "
                     << describe(*setting) << " is taken for the one of the calibration in camera_info");
@@ -70,7 +75,7 @@ std::shared_ptr<const Rectifier> PairReconstruction::rectifierFor(const PairMess
 
 Findings PairReconstruction::judgeKnown(const PairMessages& pair) const {
   Findings found = checkStamp(static_cast<int64_t>(pair.stamp.toNSec()));
-  found.add(checkSettingKnown(pair.settings != nullptr, !parameters_.settings_calibration.empty()));
+  found.add(checkSettingKnown(settingSaid(pair), !parameters_.settings_calibration.empty()));
   found.requireAccepted();
   return found;
 }

@@ -186,7 +186,10 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
         return poses_.lookup(target, source, time, ros::WallDuration(of_the_rig ? 0 : parameters_.pose_timeout));
       },
       [this](const std::string& target, const std::string& source, const ros::Time& time) {
-        return poses_.judge(target, source, time, parameters_.poses);
+        Findings found = poses_.judge(target, source, time, parameters_.poses);
+        const ros::Time received = receivedAt(time);
+        if (!received.isZero()) found.add(poses_.judgeClock(target, source, time, (received - time).toSec()));
+        return found;
       });
   const PairSurface surface = reconstruct(gather(pair, stamp), poses);
   requireOneContent(stamp);
@@ -219,18 +222,21 @@ void SurfaceReconstruction::process(const Synchroniser::Pair& pair, const ros::T
   collector_.offer(surface.frame);
 }
 
+ros::Time SurfaceReconstruction::receivedAt(const ros::Time& stamp) {
+  const std::lock_guard<std::mutex> lock(input_mutex_);
+  ros::Time received;
+  for (const auto& images : images_)
+    if (const auto found = images.find(stamp); found != images.end()) received = std::max(received, found->second.time);
+  return received;
+}
+
 cortshift_msgs::SurfaceStatus SurfaceReconstruction::statusOf(const std_msgs::Header& header,
                                                               const std::vector<std::string>& warnings) {
   cortshift_msgs::SurfaceStatus status;
   status.header = header;
   status.warnings = warnings;
   status.parameters = parameters_.effective();
-  {
-    const std::lock_guard<std::mutex> lock(input_mutex_);
-    for (const auto& images : images_)
-      if (const auto found = images.find(header.stamp); found != images.end())
-        status.received = std::max(status.received, found->second.time);
-  }
+  status.received = receivedAt(header.stamp);
   if (!status.received.isZero())
     addWarnings(status.warnings, checkLag("The stamp of the pair", status.received.toSec() - header.stamp.toSec(),
                                           ClockLimits::kLive, "arrival in this node")

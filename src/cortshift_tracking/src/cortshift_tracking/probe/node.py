@@ -21,6 +21,7 @@ from cortshift_tracking.probe.store import ProbeStore
 from cortshift_tracking.tracker_state import NOT_KNOWN, TRACKER_STATE
 
 ROOT_FRAME = 'pmr'
+BACK = 1.0    # s by which a stamp lies before the last one where time has begun anew
 RETRY = 10.0  # s after which gravity is offered again to a shift_tracker that did not take it
 STILL, GRAVITY = StillSettings(), GravitySettings()
 PARAMETERS = {
@@ -134,6 +135,8 @@ class ProbeNode:
         for transform in message.transforms:
             if transform.child_frame_id.lstrip('/') == self._values['tip_frame']:
                 with self._arrival:
+                    if self._stamps and (self._stamps[-1] - transform.header.stamp).to_sec() > BACK:   # a replay that was started again
+                        self._stamps.clear()
                     self._stamps.append(transform.header.stamp)
                     del self._stamps[:-2000]
                     self._arrival.notify_all()

@@ -12,8 +12,9 @@
 namespace cortshift_tracking::igt {
 namespace {
 
-/// Of the last patient registration: a peer may have sent it once only.
-std::filesystem::path registrationFile() { return runPath("registration"); }
+/// Of the last patient registration: a peer may have sent it once only. Another launch is of another patient, on the
+/// same master too.
+std::filesystem::path registrationFile(const std::string& launch) { return runPath("registration-" + launch); }
 
 std::int64_t now() { return static_cast<std::int64_t>(ros::Time::now().toNSec()); }
 
@@ -96,8 +97,9 @@ void Bridge::publishPose(const TrackedPose& pose) {
 }
 
 void Bridge::keepRegistration(const geometry_msgs::TransformStamped& registration) const {
+  if (parameters_.launch.empty()) return;
   try {
-    const std::filesystem::path path = registrationFile();
+    const std::filesystem::path path = registrationFile(parameters_.launch);
     std::filesystem::create_directories(path.parent_path());
     const std::string text = cortshift_stereo::staticTransformsToYaml({registration});
     replaceDurably(path, text.data(), text.size());
@@ -108,8 +110,9 @@ void Bridge::keepRegistration(const geometry_msgs::TransformStamped& registratio
 
 /// What this node had published before it died. A peer that says otherwise is heard as ever.
 void Bridge::restoreRegistration() {
+  if (parameters_.launch.empty()) return;
   try {
-    const std::filesystem::path path = registrationFile();
+    const std::filesystem::path path = registrationFile(parameters_.launch);
     if (!std::filesystem::exists(path)) return;
     geometry_msgs::TransformStamped registration = cortshift_stereo::readStaticTransforms(path.string()).front();
     registration.header.stamp = ros::Time::now();

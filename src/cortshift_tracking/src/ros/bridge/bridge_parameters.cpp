@@ -54,6 +54,7 @@ BridgeParameters readBridgeParameters(const ros::NodeHandle& node) {
   reader.choice("command_device", p.command_device);
   reader.number("stage_poll_period", p.stage_poll_period, 0.1, 60.0);
   reader.number("request_tracking_ms", p.request_tracking_ms, 0, 1000);
+  reader.choice("launch", p.launch);
   XmlRpc::XmlRpcValue tools;
   reader.structure("tools", tools);
   reader.finish();

@@ -128,9 +128,10 @@ std::optional<ros::Time> Capturing::fire(Deadline deadline) {
 sensor_msgs::PointCloud2ConstPtr Capturing::awaitSurface() {
   const Deadline deadline = deadlineAfter(timeout_);
   placement_.watch.requireSeen();
+  const unsigned long seen = feed_.inbox().count();
   const std::optional<ros::Time> stamp = fire(deadline);
   if (stamp) {
-    if (auto surface = feed_.waitSince(*stamp, deadline)) return surface;
+    if (auto surface = feed_.waitSince(*stamp, seen, deadline)) return surface;
     throw TrackingError("within " + secondsText(timeout_) + " no surface of the pair at " +
                         std::to_string(stamp->toSec()) + " arrived on /surface/points" + feed_.whyNone());
   }
@@ -154,14 +155,15 @@ sensor_msgs::PointCloud2ConstPtr Capturing::awaitMean(unsigned int pairs, std::s
   Deadline silent = deadlineAfter(timeout_ + kGrace), enough{};
   bool driver = true;
   ros::Time fired;
-  unsigned long seen = 0;
+  unsigned long seen = 0, seen_when_fired = 0;
   while (!call->waitUntil(deadlineAfter(0.02))) {
     if (feed_.inbox().waitForNewer(seen, std::chrono::milliseconds(0))) silent = deadlineAfter(timeout_ + kGrace);
     if (!ros::ok()) throw TrackingError("the node shuts down");
     const Deadline now = std::chrono::steady_clock::now();
     if (now >= std::min(silent, latest)) throw TrackingError(average_.hangs() + feed_.whyNone());
     // One at a time, so that none overtakes another. A pair that gives no surface is replaced while patience lasts.
-    if (!driver || (now < enough && !feed_.inbox().waitSince(fired, now))) continue;
+    if (!driver || (now < enough && !feed_.inbox().waitSince(fired, seen_when_fired, now))) continue;
+    seen_when_fired = feed_.inbox().count();
     const auto stamp = fire(deadlineAfter(timeout_));
     driver = stamp.has_value();
     if (!driver) continue;

@@ -31,12 +31,13 @@ void SurfaceFeed::ask(const ros::Time& taken) const {
   wanted_.publish(message);
 }
 
-sensor_msgs::PointCloud2ConstPtr SurfaceFeed::waitSince(const ros::Time& stamp, Deadline deadline) const {
+sensor_msgs::PointCloud2ConstPtr SurfaceFeed::waitSince(const ros::Time& stamp, unsigned long seen,
+                                                        Deadline deadline) const {
   constexpr std::chrono::milliseconds kAgain{200};  // what was made first may be of an older pair
   while (true) {
     ask(ros::Time());
     const Deadline now = std::chrono::steady_clock::now();
-    if (auto surface = inbox_.waitSince(stamp, std::min(deadline, now + kAgain))) return surface;
+    if (auto surface = inbox_.waitSince(stamp, seen, std::min(deadline, now + kAgain))) return surface;
     if (now + kAgain >= deadline) return {};
   }
 }

@@ -44,12 +44,19 @@ ros::Time SurfaceInbox::exposed(const sensor_msgs::PointCloud2& surface) const {
   return one_clock ? stamp : found->second;
 }
 
-sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitSince(const ros::Time& stamp, Deadline deadline) const {
+unsigned long SurfaceInbox::count() const {
+  const std::lock_guard<std::mutex> guard(mutex_);
+  return count_;
+}
+
+sensor_msgs::PointCloud2ConstPtr SurfaceInbox::waitSince(const ros::Time& stamp, unsigned long seen,
+                                                         Deadline deadline) const {
   std::unique_lock<std::mutex> lock(mutex_);
   sensor_msgs::PointCloud2ConstPtr found;
   arrived_.wait_until(lock, deadline, [&] {
+    unsigned long number = count_ - surfaces_.size();
     for (auto surface = surfaces_.begin(); surface != surfaces_.end() && !found; ++surface)
-      if ((*surface)->header.stamp >= stamp) found = *surface;
+      if (++number > seen && (*surface)->header.stamp >= stamp) found = *surface;
     return found != nullptr;
   });
   return found;

@@ -15,6 +15,9 @@ namespace cortshift_stereo {
 struct MicroscopeSetting {
   double magnification = 0;  ///< as the microscope reports it
   double focal_length = 0;   ///< [m]
+
+  /// Whether a microscope can be set so: both finite and positive.
+  bool possible() const;
 };
 
 /// "magnification 1.25, focal length 300 mm"

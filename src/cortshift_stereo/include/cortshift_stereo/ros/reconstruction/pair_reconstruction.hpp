@@ -38,6 +38,9 @@ struct PairMessages {
   cortshift_msgs::MicroscopeSettingsConstPtr settings;    ///< in force at the stamp; null: none has come
 };
 
+/// As the message says it, possible or not.
+std::optional<MicroscopeSetting> settingSaid(const PairMessages& pair);
+
 struct PairSurface {
   Surface surface_map;  ///< in the map frame (pmr)
   ReconstructionResult result;

@@ -76,6 +76,7 @@ class SurfaceReconstruction {
   /// The surface under the calibration and setting in force at the time of the pair. They travel on topics of their own
   /// and may arrive after the pair: what was made or refused under older ones is done again.
   PairSurface reconstruct(PairMessages messages, const PoseSource& poses);
+  ros::Time receivedAt(const ros::Time& stamp);  ///< when the later image of a pair came in; zero: not known any more
   cortshift_msgs::SurfaceStatus statusOf(const std_msgs::Header& header, const std::vector<std::string>& warnings);
   void requireOneContent(const ros::Time& stamp);
   bool averagePairs(cortshift_msgs::AveragePairs::Request& request, cortshift_msgs::AveragePairs::Response& response);

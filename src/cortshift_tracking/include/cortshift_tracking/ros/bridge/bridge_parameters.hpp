@@ -23,6 +23,7 @@ struct BridgeParameters {
   std::string command_device = "cortshift";
   double stage_poll_period = 1;  ///< [s]
   int request_tracking_ms = 0;   ///< that peers are asked to send poses at; 0: not asked
+  std::string launch;            ///< which one this node is of; empty: of none, which would start it again
 };
 
 /// @throws cortshift_stereo::ParameterError, std::invalid_argument naming the parameter, its value and what is allowed

@@ -36,7 +36,7 @@ class SurfaceFeed {
   using Deadline = SurfaceInbox::Deadline;
 
   /// As those of the inbox, and the reconstruction is told that somebody waits.
-  sensor_msgs::PointCloud2ConstPtr waitSince(const ros::Time& stamp, Deadline deadline) const;
+  sensor_msgs::PointCloud2ConstPtr waitSince(const ros::Time& stamp, unsigned long seen, Deadline deadline) const;
   sensor_msgs::PointCloud2ConstPtr waitForRecent(const ros::Duration& max_age, Deadline deadline) const;
 
   /// @param taken  stamp of the surface that this caller took last; zero: none

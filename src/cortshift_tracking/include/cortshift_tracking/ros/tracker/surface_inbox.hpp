@@ -24,9 +24,14 @@ class SurfaceInbox {
   /// clock, and ages are told from this one.
   void noteReceived(const ros::Time& stamp, const ros::Time& received);
 
+  /// How many have come in.
+  unsigned long count() const;
+
   /// The surface of this stamp, or the first one after it: while a camera runs free, the reconstruction may pass over a
   /// pair for the next one. Null when the deadline passes.
-  sensor_msgs::PointCloud2ConstPtr waitSince(const ros::Time& stamp, Deadline deadline) const;
+  /// @param seen  count() before the pair was exposed: what had come in by then is older, whatever its stamp says after
+  /// the clock was set back
+  sensor_msgs::PointCloud2ConstPtr waitSince(const ros::Time& stamp, unsigned long seen, Deadline deadline) const;
 
   /// The newest surface if its stamp lies within `max_age` of the time of the call; otherwise the next one that comes
   /// in and is not older than that. With a clock that does not run yet (time 0) nothing that is already there counts.
