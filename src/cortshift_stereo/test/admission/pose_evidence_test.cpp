@@ -150,7 +150,7 @@ TEST(Poses, ATrackerThatRepeatsItselfIsRefused) {
 
 TEST(Poses, ATrackerThatRoundsIsNotTakenForOneThatRepeatsItself) {
   constexpr double kStep = 0.00001;  // [m] of what it says
-  const auto rounded = [](const Eigen::Vector3d& place) -> Eigen::Vector3d {
+  const auto rounded = [kStep](const Eigen::Vector3d& place) -> Eigen::Vector3d {
     return (place / kStep).array().round().matrix() * kStep;
   };
   for (const double sd : {0.000006, 0.00001, 0.00002, 0.0001})

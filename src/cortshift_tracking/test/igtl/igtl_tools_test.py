@@ -11,6 +11,7 @@ import rostest
 from cortshift_msgs.msg import ShiftSummary, StageInfo
 from cortshift_msgs.srv import (CaptureStage, CaptureStageResponse, ComputeShift, ComputeShiftResponse, ListStages,
                                 ListStagesResponse)
+from tf2_msgs.msg import TFMessage
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 from graph import wait_until  # noqa: E402
@@ -92,6 +93,33 @@ class IgtlTools(BridgeTest, unittest.TestCase):
         wait_until(lambda: 'deleted third' in self.client.expect('StageEvent').string, 20, 'event of the deletion')
         self.client.send(GetStatus('anything'))
         self.assertEqual(self.client.expect('cortshift').code, 1)
+
+    def test_the_registration_holds_for_one_launch(self):
+        tools = [{'device': 'PatientToReference', 'parent': 'reference', 'child': 'pmr'}]
+        said = []
+        rospy.Subscriber('/tf_static', TFMessage, lambda m: said.extend(t for t in m.transforms if 'pmr' in (t.child_frame_id, t.header.frame_id)))
+
+        def bridge(launch):
+            started = Bridge('bridge_of_a_launch', tools=tools, launch=launch)
+            self.assertGreater(started.port, 0)   # it runs
+            return started
+
+        first = bridge('of_the_first_patient')
+        client = first.client()
+        tracker = Tracker(client, PatientToReference=pose_mm([0, 0, 1], 0.1, [1, 2, 3]))
+        wait_until(lambda: said, 20, 'the registration')
+        tracker.stop()
+        client.stop()
+        first.process.kill()
+        first.wait()
+        for launch, again in (('of_the_first_patient', True), ('of_the_second_patient', False), ('', False)):
+            del said[:]
+            other = bridge(launch)
+            if again:
+                wait_until(lambda: said, 20, 'the registration again')
+            time.sleep(0.5)
+            other.stop()
+            self.assertEqual(bool(said), again, launch)
 
     def test_as_a_client_of_a_tracker(self):
         port = Port()

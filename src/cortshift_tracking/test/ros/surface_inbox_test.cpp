@@ -1,6 +1,8 @@
 #include "cortshift_tracking/ros/tracker/surface_inbox.hpp"
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
+
+#include <boost/make_shared.hpp>
 
 namespace cortshift_tracking {
 namespace {
