@@ -40,7 +40,7 @@ double chanceOfTheSame(const std::vector<EdgeSample>& samples, const EdgeSample&
   std::vector<const EdgeSample*> others;  // the first of each stretch
   for (std::size_t i = 0; i < samples.size(); ++i)
     if (!same(samples[i], asked) && (i == 0 || !same(samples[i], samples[i - 1]))) others.push_back(&samples[i]);
-  if (others.size() < 2) return 0;
+  if (others.size() < 2) return 1;
   const auto less = [](const EdgeSample* a, const EdgeSample* b) {
     const auto &first = a->T_parent_child.matrix(), &second = b->T_parent_child.matrix();
     return std::lexicographical_compare(first.data(), first.data() + first.size(), second.data(),
@@ -57,7 +57,7 @@ double chanceOfTheSame(const std::vector<EdgeSample>& samples, const EdgeSample&
     alike = 0;
   }
   const auto count = static_cast<double>(others.size());
-  return pairs / (count * (count - 1) / 2);
+  return std::min(1.0, (pairs + 1) / (count * (count - 1) / 2));  // one more: where none was seen one may come
 }
 
 /// How many samples in a row, that at `at` among them, are each the same as the one as far away as `other` is from
