@@ -249,6 +249,35 @@ def test_broken_headers_are_refused(tmp_path, offset, data, reason):
     assert 'a.nii' in str(refusal.value)
 
 
+@pytest.mark.parametrize('suffix', ['.nii', '.nii.gz'])
+@pytest.mark.parametrize('order', ['<', '>'])
+@pytest.mark.parametrize('kind, place, number, smallest', [(nibabel.Nifti1Image, 108, 'f4', 352), (nibabel.Nifti2Image, 168, 'i8', 544)])
+def test_voxels_begin_behind_the_header(tmp_path, kind, place, number, smallest, order, suffix):
+    """Offsets within the header shift the MR by up to 176 voxels of 16 bits; where an extension stands between, the voxels count."""
+    path = tmp_path / ('a' + suffix)
+
+    def write(offset=None, extension=False):
+        image = kind(landmark_array(), OBLIQUE, kind.header_class(endianness=order))
+        if extension:
+            image.header.extensions.append(nibabel.nifti1.Nifti1Extension('comment', b'of the scanner' * 10))
+        image.header.set_xyzt_units('mm')
+        data = bytearray(image.to_bytes())
+        if offset is not None:
+            data[place:place + np.dtype(number).itemsize] = np.array(offset, order + number).tobytes()
+        path.write_bytes(gzip.compress(bytes(data)) if suffix.endswith('gz') else data)
+        return str(path)
+    for extension in (False, True):
+        assert np.array_equal(load_volume(write(extension=extension)).data, landmark_array())
+        for offset in (0, 16, smallest - 4, -16):
+            with pytest.raises(VolumeError, match=rf'a{suffix}: vox_offset is {offset}, but voxels of a .nii file begin at byte {smallest} or '
+                               rf'behind it; write the file anew with vox_offset {smallest}$|a{suffix}: not readable as NIfTI'):
+                load_volume(write(offset, extension))
+    if number == 'f4':
+        for offset in (np.nan, np.inf, smallest + 0.5):
+            with pytest.raises(VolumeError, match=f'a{suffix}: (vox_offset is 352.5|not readable as NIfTI)'):
+                load_volume(write(offset))
+
+
 def test_truncated_files_are_refused(tmp_path):
     whole = nifti(tmp_path / 'a.nii', OBLIQUE)
     packed = nifti(tmp_path / 'a.nii.gz', OBLIQUE)
