@@ -60,6 +60,8 @@ def read_yaml(path):
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         raise CaseError(f'{path}: is not YAML{f" (line {mark.line + 1})" if mark else ""}; correct it, or restore it from a copy') from error
+    except (ValueError, RecursionError) as error:  # a date or a number that looks like one and is none; lists in lists without end
+        raise CaseError(f'{path}: holds a value that cannot be read ({error}); correct it, or restore it from a copy') from error
 
 
 @dataclass(frozen=True)
