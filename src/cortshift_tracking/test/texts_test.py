@@ -3,7 +3,7 @@ import codecs
 
 import pytest
 from cortshift_tracking.errors import CaseError
-from cortshift_tracking.texts import read_table, read_text
+from cortshift_tracking.texts import read_table, read_text, read_yaml
 
 LINES = 'stage,label,column_px\nöffnung,Müller,1.5\nzu,Ångström,-2\n'
 WESTERN = {'utf-8': LINES.encode(), 'utf-8 with mark': codecs.BOM_UTF8 + LINES.encode(), 'latin-1': LINES.encode('latin-1'),
@@ -57,3 +57,19 @@ def test_what_cannot_be_read_is_refused(tmp_path):
         read_table(str(tmp_path / 'nothing.csv'))
     with pytest.raises(CaseError, match=r'cannot be read \(Is a directory\)'):
         read_table(str(tmp_path))
+
+
+@pytest.mark.parametrize('text, reason', [('date: 2024-13-45', 'month must be in 1..12'), ('code: 0x_', 'invalid literal'),
+                                          ('[' * 3000, 'maximum recursion depth exceeded')], ids=['date', 'number', 'deep'])
+def test_yaml_of_values_that_are_none_is_refused_by_the_file(tmp_path, text, reason):
+    (tmp_path / 'a.yaml').write_text(text)
+    with pytest.raises(CaseError, match=rf'a.yaml: holds a value that cannot be read \({reason}.*\); correct it, or restore it from a copy$'):
+        read_yaml(tmp_path / 'a.yaml')
+
+
+def test_yaml_of_opencv(tmp_path):
+    (tmp_path / 'a.yaml').write_text('%YAML:1.0\n---\nK: !!opencv-matrix\n   rows: 1\n   cols: 2\n   dt: d\n   data: [ 1., 2.5 ]\n')
+    assert read_yaml(tmp_path / 'a.yaml') == {'K': {'rows': 1, 'cols': 2, 'dt': 'd', 'data': [1.0, 2.5]}}
+    (tmp_path / 'a.yaml').write_text('K: !!opencv-matrix\n  [1\n')
+    with pytest.raises(CaseError, match='is not YAML'):
+        read_yaml(tmp_path / 'a.yaml')

@@ -3,6 +3,7 @@ semicolons or tabs; YAML."""
 import codecs
 import csv
 import math
+import re
 from dataclasses import dataclass
 
 import yaml
@@ -13,6 +14,14 @@ from cortshift_tracking.errors import CaseError
 MARKS = ((codecs.BOM_UTF8, 'utf-8'), (codecs.BOM_UTF32_LE, 'utf-32-le'), (codecs.BOM_UTF32_BE, 'utf-32-be'),
          (codecs.BOM_UTF16_LE, 'utf-16-le'), (codecs.BOM_UTF16_BE, 'utf-16-be'))
 DELIMITERS = ',;\t'
+OPENCV_HEAD = re.compile(r'\A%YAML:1\.\d')  # OpenCV's FileStorage; YAML has a blank there
+
+
+class YamlReader(yaml.SafeLoader):
+    """YAML as yaml-cpp reads it in the nodes: the matrices of OpenCV are dictionaries."""
+
+
+YamlReader.add_constructor('tag:yaml.org,2002:opencv-matrix', lambda reader, node: reader.construct_mapping(node, deep=True))
 
 
 def decoded(data, path):
@@ -45,12 +54,14 @@ def read_text(path):
 
 
 def read_yaml(path):
-    """Content of a YAML file. Raises CaseError where it cannot be read, or is no YAML."""
+    """Content of a YAML file, also of OpenCV's. Raises CaseError where it cannot be read, or is no YAML."""
     try:
-        return yaml.safe_load(read_text(path))
+        return yaml.load(OPENCV_HEAD.sub('#', read_text(path)), YamlReader)
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         raise CaseError(f'{path}: is not YAML{f" (line {mark.line + 1})" if mark else ""}; correct it, or restore it from a copy') from error
+    except (ValueError, RecursionError) as error:  # a date or a number that looks like one and is none; lists in lists without end
+        raise CaseError(f'{path}: holds a value that cannot be read ({error}); correct it, or restore it from a copy') from error
 
 
 @dataclass(frozen=True)

@@ -39,10 +39,65 @@ def test_a_whole_series_is_read(tmp_path):
 @pytest.mark.parametrize('key, value', [
     ('EchoTime', 90.0), ('EchoTime', None), ('EchoNumbers', 2), ('ImageType', ['ORIGINAL', 'PRIMARY', 'P']), ('FlipAngle', 9.0),
     ('InversionTime', 900.0), ('TemporalPositionIdentifier', 2), ('PhotometricInterpretation', 'MONOCHROME1'), ('RescaleSlope', 2.0),
-    ('FrameOfReferenceUID', '1.2.3.4')])
+    ('FrameOfReferenceUID', '1.2.3.4'), ('RepetitionTime', 3900.0), ('RepetitionTime', None), ('ComplexImageComponent', 'PHASE'),
+    ('SequenceName', '*tfl3d1'), ('ContrastBolusAgent', 'Gadovist'), ('PatientID', 'another'), ('Modality', None)])
 def test_several_images_in_one_series_are_refused(tmp_path, key, value):
     with pytest.raises(VolumeError, match=rf'{key} differs within the series: .*\(00.dcm\) and .*\(03.dcm\); these are several images'):
         load_volume(series(tmp_path / 's', setting(key, value)))
+
+
+def test_patients_are_told_apart_without_their_names(tmp_path):
+    with pytest.raises(VolumeError) as refusal:
+        load_volume(series(tmp_path / 's', setting('PatientID', 'Mustermann')))
+    assert 'PatientID differs within the series: one (00.dcm) and one (03.dcm)' in str(refusal.value) and '4MR1' not in str(refusal.value)
+
+
+def test_what_scanners_round_and_leave_out_is_one_image(tmp_path):
+    def change(dataset, n):
+        dataset.RepetitionTime = [4000.0, 4000.04, 4000.4, 3999.96][n % 4]
+        dataset.ContrastBolusAgent = ''
+        if n > 3:
+            del dataset.ContrastBolusAgent
+    assert load_volume(series(tmp_path / 's', change)).warnings == ()
+    assert load_volume(series(tmp_path / 'none', setting('RepetitionTime', None, range(SLICES)))).warnings == ()
+
+
+@pytest.mark.parametrize('modality, refused', [('CT', True), ('PT', True), ('SEG', True), ('mr', False), ('OT', False), (None, False)])
+def test_only_an_mr_is_an_mr(tmp_path, modality, refused):
+    folder = series(tmp_path / 's', setting('Modality', modality, range(SLICES)))
+    if refused:
+        with pytest.raises(VolumeError, match=f'Modality of 00.dcm is {modality}, not MR; give the folder with the MR series$'):
+            load_volume(folder)
+    else:
+        assert load_volume(folder).warnings == (() if modality == 'mr' else (f'Modality is {modality or "absent"}; taken as MR',))
+
+
+@pytest.mark.parametrize('signed, high, raw_value, value, stray', [
+    (0, 11, 1000 | 1 << 15, 1000, True),        # an overlay in the highest bit
+    (0, 11, 1000, 1000, False), (1, 11, 1000, 1000, False),
+    (1, 11, -490 & 0xfff, -490, False),         # its sign not extended
+    (1, 11, -490 & 0xffff, -490, False), (1, 11, -490 & 0xfff | 1 << 15, -490, True),
+    (0, 15, 1000 << 4, 1000, False), (0, 15, 1000 << 4 | 3, 1000, True), (1, 15, -490 << 4 & 0xffff, -490, False),
+    (1, 13, -490 << 2 & 0xffff, -490, False)])
+def test_only_the_stored_bits_count(tmp_path, signed, high, raw_value, value, stray):
+    def change(dataset, n):
+        dataset.BitsStored, dataset.HighBit, dataset.PixelRepresentation = 12, high, signed
+        if n == 2:
+            dataset.PixelData = np.full(SIZE * SIZE, raw_value, '<u2').tobytes()
+        else:
+            dataset.PixelData = (voxels()[n].astype('<u2') << high - 11).tobytes()
+    volume = load_volume(series(tmp_path / 's', change))
+    assert (volume.data[..., 2] == value).all() and np.array_equal(volume.data[..., 1], voxels()[1].T)
+    assert volume.warnings == (('bits outside BitsStored are set and left out (an overlay?): 02.dcm',) if stray else ())
+
+
+def test_whole_words_are_left_alone_and_bits_that_do_not_fit_are_refused(tmp_path):
+    def change(dataset, _):
+        dataset.PixelRepresentation = 0
+        dataset.PixelData = np.r_[np.full(SIZE * SIZE - 1, 40000), 1].astype('<u2').tobytes()
+    assert load_volume(series(tmp_path / 's', change)).data.max() == 40000
+    with pytest.raises(VolumeError, match='00.dcm: BitsStored 12 with HighBit 16 do not fit into BitsAllocated 16; export the original series'):
+        load_volume(series(tmp_path / 't', lambda dataset, _: (setattr(dataset, 'BitsStored', 12), setattr(dataset, 'HighBit', 16))))
 
 
 @pytest.mark.parametrize('key, value', [('PixelSpacing', [3.0, 3.1]), ('ImageOrientationPatient', [0, 1, 0, 1, 0, 0]), ('Rows', 15)])

@@ -187,8 +187,17 @@ def test_real_mr_from_dicom():
     assert volume.data[5, 40, 0] == source.pixel_array[40, 5]
 
 
-def test_real_series_is_sorted_by_position():
-    volume = load_volume(os.path.join(PYDICOM, 'dicomdirtests', '98892001', 'CT5N'))
+def real_ct_named_mr(folder, name):
+    os.makedirs(folder)
+    for file in os.listdir(os.path.join(PYDICOM, 'dicomdirtests', name)):
+        slice_ = pydicom.dcmread(os.path.join(PYDICOM, 'dicomdirtests', name, file))
+        slice_.Modality = 'MR'
+        slice_.save_as(folder / file)
+    return str(folder)
+
+
+def test_real_series_is_sorted_by_position(tmp_path):
+    volume = load_volume(real_ct_named_mr(tmp_path / 's', '98892001/CT5N'))
     assert volume.data.shape == (16, 16, 5)
     assert np.allclose(volume.spacing, [0.000488281, 0.000488281, 0.0025])
     assert np.isclose(volume.to_pmr([0, 0, 0])[2], -0.0012375) and volume.T_pmr_voxel[2, 2] > 0
@@ -197,10 +206,15 @@ def test_real_series_is_sorted_by_position():
 @pytest.mark.parametrize('folder, reason', [
     ('98892003/MR700', 'not one stack of parallel slices'),  # rotating projections of an angiogram
     ('98892003/MR2', 'holds 3 series'),                      # three-plane localisers
-    ('77654033/CT2', 'uneven slices')])                      # most slices left out
+    ('98892001/CT5N', 'Modality of 2062 is CT, not MR; give the folder with the MR series'), ('77654033/CT2', 'is CT, not MR')])
 def test_real_folders_that_are_no_volume(folder, reason):
     with pytest.raises(VolumeError, match=reason):
         load_volume(os.path.join(PYDICOM, 'dicomdirtests', folder))
+
+
+def test_a_real_folder_with_most_slices_left_out(tmp_path):
+    with pytest.raises(VolumeError, match='uneven slices'):
+        load_volume(real_ct_named_mr(tmp_path / 's', '77654033/CT2'))
 
 
 # ---- refusals
@@ -247,6 +261,35 @@ def test_broken_headers_are_refused(tmp_path, offset, data, reason):
     with pytest.raises(VolumeError, match=reason) as refusal:
         load_volume(path)
     assert 'a.nii' in str(refusal.value)
+
+
+@pytest.mark.parametrize('suffix', ['.nii', '.nii.gz'])
+@pytest.mark.parametrize('order', ['<', '>'])
+@pytest.mark.parametrize('kind, place, number, smallest', [(nibabel.Nifti1Image, 108, 'f4', 352), (nibabel.Nifti2Image, 168, 'i8', 544)])
+def test_voxels_begin_behind_the_header(tmp_path, kind, place, number, smallest, order, suffix):
+    """Offsets within the header shift the MR by up to 176 voxels of 16 bits; where an extension stands between, the voxels count."""
+    path = tmp_path / ('a' + suffix)
+
+    def write(offset=None, extension=False):
+        image = kind(landmark_array(), OBLIQUE, kind.header_class(endianness=order))
+        if extension:
+            image.header.extensions.append(nibabel.nifti1.Nifti1Extension('comment', b'of the scanner' * 10))
+        image.header.set_xyzt_units('mm')
+        data = bytearray(image.to_bytes())
+        if offset is not None:
+            data[place:place + np.dtype(number).itemsize] = np.array(offset, order + number).tobytes()
+        path.write_bytes(gzip.compress(bytes(data)) if suffix.endswith('gz') else data)
+        return str(path)
+    for extension in (False, True):
+        assert np.array_equal(load_volume(write(extension=extension)).data, landmark_array())
+        for offset in (0, 16, smallest - 4, -16):
+            with pytest.raises(VolumeError, match=rf'a{suffix}: vox_offset is {offset}, but voxels of a .nii file begin at byte {smallest} or '
+                               rf'behind it; write the file anew with vox_offset {smallest}$'):
+                load_volume(write(offset, extension))
+    if number == 'f4':
+        for offset in (np.nan, np.inf, smallest + 0.5):
+            with pytest.raises(VolumeError, match=f'a{suffix}: vox_offset is (352.5|nan|inf), but'):
+                load_volume(write(offset))
 
 
 def test_truncated_files_are_refused(tmp_path):

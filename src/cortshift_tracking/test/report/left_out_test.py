@@ -117,7 +117,8 @@ def test_probe_picks_and_calibration_that_cannot_be_used(case):
         if point['label'] == 'gravity_lower':
             point['position'] = next(p['position'] for p in points['points'] if p['label'] == 'gravity_upper')
     (case / 'probe_points.json').write_text(json.dumps(points))
-    (case / 'picks.csv').write_text((case / 'picks.csv').read_text() + f'{SECOND},p2,12;4,7\n{THIRD},p3,1\n{FIRST},p2,1,1\n')
+    kept = [line for line in (case / 'picks.csv').read_text().splitlines() if not line.startswith(f'{FIRST},p2,')]
+    (case / 'picks.csv').write_text('\n'.join(kept) + f'\n{SECOND},p2,12;4,7\n{THIRD},p3,1\n{FIRST},p2,1,1\n')
     (case / 'left.yaml').write_text('a: [1,\nb: 2\n')
     read, left_out = read_case(str(case)), []
     picks, bad = read_picks(str(case / 'picks.csv'))
@@ -133,6 +134,14 @@ def test_probe_picks_and_calibration_that_cannot_be_used(case):
     assert 'probe_points.json: not a whole file of probe points' in read_case(str(case)).left_out[0]
     with pytest.raises(CaseError, match='columns missing: column_px, row_px'):
         read_picks(str(case / 'picks.csv'))
+
+
+def test_a_label_that_was_picked_twice_is_left_out_with_both_lines(tmp_path):
+    (tmp_path / 'picks.csv').write_text('stage,label,column_px,row_px\ns,p,1,2\ns,q,3,4\nt,p,5,6\ns,p,700,8\n')
+    picks, bad = read_picks(str(tmp_path / 'picks.csv'))
+    assert picks == {('s', 'q'): (3, 4), ('t', 'p'): (5, 6)}
+    assert bad == [f'{tmp_path}/picks.csv, line {line}: label "p" of stage "s" stands twice, in lines 2 and 5; keep one of them'
+                   for line in (2, 5)]
 
 
 def test_nothing_left_is_refused_with_every_reason(case):

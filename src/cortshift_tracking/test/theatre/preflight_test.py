@@ -170,6 +170,92 @@ def test_cameras_and_their_size(site):
             camera.kill()
 
 
+@pytest.mark.parametrize('text, check, said', [
+    ('stereo_driver: {source: aravis, aravis: {left: , right: {device: 127.0.0.7}}}', 'left camera', 'set stereo_driver/aravis/left/device'),
+    ('stereo_driver: {source: aravis, aravis: }', 'right camera', 'set stereo_driver/aravis/right/device'),
+    ('stereo_driver: {source: aravis, aravis: fake}', 'cameras',
+     "stereo_driver/aravis is 'fake', not a dictionary; write left: and right: below it, indented"),
+    ('stereo_driver: {source: aravis, aravis: {left: 192.168.1.11}}', 'cameras',
+     "stereo_driver/aravis/left is '192.168.1.11', not a dictionary; write left: {device: 192.168.1.11}"),
+    ('stereo_driver: {source: aravis, aravis: {left: {device: [a]}}}', 'cameras', "stereo_driver/aravis/left/device is ['a'], not an address"),
+    ('stereo_driver: {source: aravis, aravis: {left: {device: a, features: Width=320}}}', 'cameras',
+     "stereo_driver/aravis/left/features is 'Width=320', not a list; write features: [\"Width=1920\""),
+    ('stereo_driver: {source: aravis, aravis: {left: {device: a, features: [Width: 320]}}}', 'cameras',
+     "stereo_driver/aravis/left/features holds {'Width': 320}, not text"),
+    ('stereo_driver: {source: [aravis]}', 'cameras', "stereo_driver/source is ['aravis'], not text; write source: aravis"),
+    ('stereo_driver: {calibration_left: 1}', 'calibration_left',
+     'stereo_driver/calibration_left is 1, not text; write calibration_left: /var/lib/cortshift/calibration_left.yaml'),
+    ('stereo_driver: {hand_eye: {a: b}}', 'hand_eye', "stereo_driver/hand_eye is {'a': 'b'}, not text"),
+    ('igtl_bridge: {tools: [MicroscopeToRef]}', 'tracker', "igtl_bridge/tools holds 'MicroscopeToRef', not a dictionary with the name of a "
+     'device; write tools: [{device: MicroscopeToRef, '),
+    ('igtl_bridge: {tools: {device: A}}', 'tracker', "igtl_bridge/tools is {'device': 'A'}, not a list; write tools: [{device: "),
+    ('igtl_bridge: {tools: [{device: }]}', 'tracker', "igtl_bridge/tools holds {'device': None}, not a dictionary with the name"),
+    ('igtl_bridge: {tools: [{device: 3}]}', 'tracker', "igtl_bridge/tools holds {'device': 3}, not a dictionary with the name"),
+    ('igtl_bridge: {servers: "1.2.3.4:18944"}', 'tracker',
+     "igtl_bridge/servers is '1.2.3.4:18944', not a list; write servers: [\"192.168.1.20:18944\"]"),
+    ('igtl_bridge: {servers: [{host: a}]}', 'tracker', "igtl_bridge/servers holds {'host': 'a'}, not text"),
+    *[(f'igtl_bridge: {{servers: ["{server}"]}}', 'tracker', f"igtl_bridge/servers holds '{server}', not ADDRESS:PORT in numbers; write "
+       '192.168.1.20:18944') for server in ('192.168.1.20', 'navigation:18944', '127.0.0.1:99999', '127.0.0.1:x', '')],
+    ('shift_tracker: {case_folder: 3}', 'case folder', 'shift_tracker/case_folder is 3, not text; write case_folder: /data/cases'),
+    ('shift_tracker: {case_folder: "~nobody of here/a"}', 'case folder', "shift_tracker/case_folder: '~nobody of here/a' cannot be looked at"),
+    ('case_recorder: {folder: [a]}', 'recording', "case_recorder/folder is ['a'], not text")])
+def test_what_people_write_is_named_by_its_key(site, monkeypatch, text, check, said):
+    """One finding, and the other checks go on."""
+    monkeypatch.setattr(pf, 'listen', lambda *_: {'ScopeToReference': (time.time(), time.time())})
+    monkeypatch.setattr(pf, 'check_simulated_time', lambda: [pf.Finding(pf.OK, 'use_sim_time', 'not asked here')])
+    monkeypatch.setattr(pf.shutil, 'which', lambda _: '/bin/false')
+    for node, values in yaml.safe_load(text).items():
+        site.setdefault(node, {}).update(values)
+    found = pf.preflight(site, NOW)
+    failed = [finding for finding in found if finding.level == pf.FAIL]
+    assert [finding.text for finding in failed if finding.check == check and said in finding.text], failed
+    assert len(failed) <= 2 and {'calibration_right', 'recording', 'clock', 'use_sim_time'} <= {finding.check for finding in found}
+
+
+def test_a_camera_that_keeps_the_tool_waiting(site, monkeypatch):
+    def wait(*_, timeout, **__):
+        raise subprocess.TimeoutExpired('arv-tool-0.8', timeout)
+    monkeypatch.setattr(pf.shutil, 'which', lambda _: '/bin/false')
+    monkeypatch.setattr(pf.subprocess, 'run', wait)
+    site['stereo_driver'].update(source='aravis', aravis={'left': {'device': 'a'}, 'right': {'device': 'b'}})
+    assert findings(site) == {f'{side} camera': f'{device} does not answer within 60 s; check power, cable and address'
+                              for side, device in (('left', 'a'), ('right', 'b'))}
+
+
+def opencv_yaml(side):
+    """A camera as OpenCV's FileStorage writes it."""
+    camera = yaml.safe_load(camera_yaml('2026-04-20T10:00:00Z', side))
+    words = {0: '0e0', 900: '9e2'}  # numbers to yaml-cpp, text to PyYAML
+    lines = ['%YAML:1.0', '---', '# Calibrated 2026-04-20T10:00:00Z']
+    for key, value in camera.items():
+        if isinstance(value, dict):
+            lines += [f'{key}: !!opencv-matrix', f'   rows: {value["rows"]}', f'   cols: {value["cols"]}', '   dt: d',
+                      f'   data: [ {", ".join(words.get(number, f"{number:.1f}") for number in value["data"])} ]']
+        else:
+            lines.append(f'{key}: {value}')
+    return '\n'.join(lines) + '\n'
+
+
+def test_calibrations_of_opencv_are_read_as_the_nodes_read_them(site, tmp_path):
+    for side in ('left', 'right'):
+        (tmp_path / f'{side}.yaml').write_text(opencv_yaml(side))
+    assert findings(site) == {} and '320 x 240 pixels, baseline 25.00 mm' in findings(site, pf.OK)['calibration match']
+
+
+@pytest.mark.parametrize('old, new, check, said', [
+    ('data: [900, 0, 160, 0, 0, 900, 120, 0, 0, 0, 1, 0]', 'data: here', 'calibration match', 'projection_matrix is missing or incomplete'),
+    ('plumb_bob', '[plumb_bob]', 'calibration_left', "distortion_model is ['plumb_bob']; supported are"),
+    ('data: [0, 0, 0, 0, 0]', 'data: [0, 0, 0, 0, x]', 'calibration_left', 'distortion_coefficients are missing, or no list of numbers'),
+    ('data: [0, 0, 0, 0, 0]', 'data: [0, 0, 0, 0, .nan]', 'calibration_left', 'distortion_coefficients are missing, or no list of numbers'),
+    ('image_width: 320', 'image_width: wide', 'calibration_left', "image_width and image_height are ('wide', 240), not whole numbers"),
+    ('2026-04-20T10:00:00Z', '2026-13-20T10:00:00Z', 'calibration_left', '2026-13-20T10:00:00Z is no date; calibrate, or correct the path')])
+def test_calibrations_with_a_fault_are_named(site, tmp_path, old, new, check, said):
+    text = camera_yaml('2026-04-20T10:00:00Z', 'left')
+    assert old in text
+    (tmp_path / 'left.yaml').write_text(text.replace(old, new))
+    assert said in findings(site)[check]
+
+
 def test_little_disk_and_folder_that_may_not_be_written(site):
     site['preflight']['disk_gb'] = 1e9
     assert 'free some' in findings(site)['case folder']

@@ -18,8 +18,13 @@ SAME_PLACE = 0.001        # slices that are closer lie at one place [mm]: DICOM'
 GEOMETRY = {'Rows': 1, 'Columns': 1, 'PixelSpacing': 2, 'ImageOrientationPatient': 6}
 GEOMETRY_TOLERANCE = 1e-4
 #: What else every slice of one image has in common: words, and numbers as far as DICOM's decimals tell them apart.
-SAME_WORDS = ('ImageType', 'PhotometricInterpretation', 'Modality', 'FrameOfReferenceUID')
+SAME_WORDS = ('ImageType', 'PhotometricInterpretation', 'Modality', 'FrameOfReferenceUID', 'ComplexImageComponent', 'SequenceName',
+              'ContrastBolusAgent', 'PatientID')
 SAME_NUMBERS = ('EchoTime', 'EchoNumbers', 'InversionTime', 'FlipAngle', 'TemporalPositionIdentifier', 'DiffusionBValue')
+SAME_ABOUT = {'RepetitionTime': 0.01}  # as far as scanners round and time: the share by which numbers of one image may lie apart
+PRIVATE = ('PatientID',)  # never shown
+UNSAID = ('', 'OT')  # Modality where a program did not know better: may be an MR
+DECODED = ('1.2.840.10008.1.2.4.',)  # beginning of the syntaxes whose decoders give the stored bits alone
 GREY = ('MONOCHROME2', 'MONOCHROME1')
 
 
@@ -47,6 +52,7 @@ def load_dicom(path, axes='RAS', series=None):
     _check_alike(path, members)
     members, step, doubts = _sorted_slices(path, members)
     data = np.stack([slice_.pixels() for slice_ in members], axis=-1)
+    doubts += _doubts(members)
     notes = ['MONOCHROME1 (bright is stored low): turned over'] if members[0].text('PhotometricInterpretation') == 'MONOCHROME1' else []
     if aside:
         doubts.append(f'{len(aside)} file{"s" if len(aside) > 1 else ""} set aside: {_listing(aside)}')
@@ -82,6 +88,7 @@ class Slice:
 
     def __init__(self, file, dataset):
         self.file, self.name, self._dataset = file, os.path.basename(file), dataset
+        self.stray = False  # whether pixels() left out what does not belong to the values
 
     def _value(self, key):
         """The element, None where it is absent or empty."""
@@ -136,6 +143,9 @@ class Slice:
             raise VolumeError(f'{path}: {self.name} is a mosaic of slices; convert it to NIfTI')
         if self.number('SamplesPerPixel', 1) != 1:
             raise VolumeError(f'{path}: {self.name} is a colour image; give the MR series itself')
+        modality = self.text('Modality').upper()
+        if modality not in ('MR', *UNSAID):
+            raise VolumeError(f'{path}: Modality of {self.name} is {modality}, not MR; give the folder with the MR series')
         photometric = self.text('PhotometricInterpretation')
         if photometric not in GREY:
             raise VolumeError(f'{path}: PhotometricInterpretation of {self.name} is "{photometric}", not MONOCHROME2 or MONOCHROME1; give '
@@ -169,17 +179,42 @@ class Slice:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore')
-                pixels = self._dataset.pixel_array.astype(np.float32)
+                pixels = self._dataset.pixel_array
         except Exception as error:  # pydicom's decoders raise many types; all mean the same here
             raise VolumeError(f'{self.file}: the pixel data cannot be read: they are cut off, or compressed in a way that is not '
                               f'known here ({self._syntax()}); export them uncompressed') from error
+        pixels = self._stored(pixels).astype(np.float32)
         if self.text('PhotometricInterpretation') == 'MONOCHROME1':
             signed = self.number('PixelRepresentation', 0) == 1
             pixels = (-1 if signed else 2 ** self.number('BitsStored', 16) - 1) - pixels
         return (pixels * np.float32(self.number('RescaleSlope', 1)) + np.float32(self.number('RescaleIntercept', 0))).T
 
+    def _stored(self, pixels):
+        """(rows, columns) values of the stored bits alone (PS3.5 8.1.1); overlays may lie above and below them, which pydicom keeps.
+
+        pixels: (rows, columns) whole numbers of BitsAllocated.
+        """
+        allocated = int(self.number('BitsAllocated'))
+        stored = int(self.number('BitsStored', allocated))
+        high = int(self.number('HighBit', stored - 1))
+        if stored == allocated or str(self._transfer_syntax()).startswith(DECODED):
+            return pixels
+        if not 1 <= stored <= high + 1 <= allocated <= 32:
+            raise VolumeError(f'{self.file}: BitsStored {stored} with HighBit {high} do not fit into BitsAllocated {allocated}; export the '
+                              'original series')
+        bits = pixels.astype(np.int64)
+        field = bits >> high + 1 - stored & (1 << stored) - 1
+        values = field - (field >> stored - 1 << stored) if self.number('PixelRepresentation', 0) == 1 else field
+        whole = (1 << allocated) - 1
+        kept = [(known << high + 1 - stored) & whole for known in (field, values)]  # without, and with an extended sign
+        self.stray = bool(((bits & whole != kept[0]) & (bits & whole != kept[1])).any())
+        return values
+
+    def _transfer_syntax(self):
+        return getattr(getattr(self._dataset, 'file_meta', None), 'TransferSyntaxUID', None)
+
     def _syntax(self):
-        syntax = getattr(getattr(self._dataset, 'file_meta', None), 'TransferSyntaxUID', None)
+        syntax = self._transfer_syntax()
         return 'no transfer syntax' if syntax is None else syntax.name
 
 
@@ -207,15 +242,36 @@ def _check_alike(path, members):
         _check_one_kind(path, key, [(slice_.text(key), slice_.name) for slice_ in members])
     for key in SAME_NUMBERS:
         _check_one_kind(path, key, [(slice_.rounded(key), slice_.name) for slice_ in members])
+    for key, share in SAME_ABOUT.items():
+        _check_one_kind(path, key, [(value, slice_.name) for value, slice_ in zip(_grouped(members, key, share), members)])
     for key in ('RescaleSlope', 'RescaleIntercept'):
         _check_one_kind(path, key, [('' if slice_.number(key) is None else 'a number', slice_.name) for slice_ in members])
+
+
+def _grouped(members, key, share):
+    """A number of each slice as text, '' where it is absent; the same for all that lie within a share above the least of them."""
+    numbers = [slice_.number(key) for slice_ in members]
+    begins = []
+    for number in sorted({number for number in numbers if number is not None}):
+        if not begins or number > begins[-1] * (1 + share):
+            begins.append(number)
+    return ['' if number is None else f'{max(begin for begin in begins if begin <= number):.5g}' for number in numbers]
+
+
+def _doubts(members):
+    """Warnings of the slices, after their pixels are read."""
+    stray = [slice_.name for slice_ in members if slice_.stray]
+    doubts = [f'bits outside BitsStored are set and left out (an overlay?): {_listing(stray)}'] if stray else []
+    modality = members[0].text('Modality').upper()
+    return doubts + ([f'Modality is {modality or "absent"}; taken as MR'] if modality in UNSAID else [])
 
 
 def _check_one_kind(path, key, told):
     """told: (value, file) of each slice."""
     first = dict(reversed(told))  # value: first file that has it
     if len(first) > 1:
-        several = ' and '.join(f'{value or "none"} ({name})' for value, name in sorted(first.items(), key=lambda entry: entry[1])[:2])
+        two = sorted(first.items(), key=lambda entry: entry[1])[:2]
+        several = ' and '.join(f'{"one" if value and key in PRIVATE else value or "none"} ({name})' for value, name in two)
         raise VolumeError(f'{path}: {key} differs within the series: {several}; these are several images, export one of them alone')
 
 

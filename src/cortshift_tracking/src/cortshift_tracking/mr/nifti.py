@@ -26,6 +26,7 @@ def load_nifti(path, axes='RAS', form=None, template_space=False):
     template_space: take coordinates of an atlas, too. They are not those of the patient, and of another size.
     """
     try:
+        _check_offset(path)
         image = nibabel.load(path)
         if not isinstance(image, (nibabel.Nifti1Image, nibabel.Nifti2Image)):  # Analyze files open too
             raise VolumeError(f'{path}: is {type(image).__name__}, not NIfTI; convert it')
@@ -49,6 +50,21 @@ def load_nifti(path, axes='RAS', form=None, template_space=False):
     except (OSError, EOFError, ValueError, zlib.error, gzip.BadGzipFile) as error:
         raise VolumeError(f'{path}: voxel data are incomplete or damaged ({error}); copy or export it again') from error
     return volume_from_ras(data, affine, axes, path, notes, doubts)
+
+
+def _check_offset(path):
+    """Whether voxels begin behind the header. nibabel would take a header's bytes for voxels, where vox_offset is 0, and shift all that
+    follow; image.header does not keep what the file says."""
+    with nibabel.openers.ImageOpener(path) as file:
+        head = file.read(nibabel.Nifti2Header.sizeof_hdr)
+    for kind in (nibabel.Nifti1Header, nibabel.Nifti2Header):
+        if kind.may_contain_header(head):
+            header, smallest = kind(head[:kind.sizeof_hdr], check=False), kind.single_vox_offset
+            said = header['vox_offset'].item()
+            # A damaged count of dimensions tells no order of bytes, and is refused by nibabel.
+            if 1 <= header['dim'][0] <= 7 and (not said >= smallest or said % 1):
+                raise VolumeError(f'{path}: vox_offset is {said:g}, but voxels of a .nii file begin at byte {smallest} or behind it; write '
+                                  f'the file anew with vox_offset {smallest}')
 
 
 def _nifti_forms(path, header):

@@ -16,10 +16,17 @@ def read_picks(path):
     missing = [name for name in COLUMNS if name not in table.columns]
     if missing:
         raise CaseError(f'{path}: columns missing: {", ".join(missing)}; needed are {", ".join(COLUMNS)}')
-    picks, bad = {}, list(table.bad)
+    picks, lines, bad = {}, {}, list(table.bad)
     for row in table.rows:
+        of = row.cells['stage'], row.cells['label']
         try:
-            picks[row.cells['stage'], row.cells['label']] = row.number('column_px'), row.number('row_px')
+            picks[of] = row.number('column_px'), row.number('row_px')
+            lines.setdefault(of, []).append(row.line)
         except ValueError as error:
             bad.append((row.line, str(error)))
+    for of, several in lines.items():
+        if len(several) > 1:  # which of them is meant nobody knows
+            bad += [(line, f'label "{of[1]}" of stage "{of[0]}" stands twice, in lines {" and ".join(map(str, several))}; keep one of them')
+                    for line in several]
+            del picks[of]
     return picks, [f'{path}, line {line}: {reason}' for line, reason in sorted(bad)]

@@ -7,6 +7,7 @@ Exit status: 0 nothing failed, 1 something failed, 2 bad usage."""
 import argparse
 import ctypes
 import datetime
+import math
 import os
 import re
 import shutil
@@ -22,6 +23,7 @@ import rosgraph
 
 from cortshift_tracking.errors import CaseError
 from cortshift_tracking.texts import read_text, read_yaml
+from cortshift_tracking.theatre.site_keys import KeyFault, given, given_texts, section
 
 OK, WARN, FAIL = 'ok', 'WARN', 'FAIL'
 DATE = re.compile(r'\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ')
@@ -50,20 +52,15 @@ class Finding:
     text: str
 
 
-def section(site, name):
-    """Parameters of one node in the site's file, as a dict."""
-    values = site.get(name) or {}
-    if not isinstance(values, dict):
-        raise ValueError(f'{name} is not a dictionary of parameters')
-    return values
-
-
 def calibration_date(path):
     """Date of a calibration in seconds since 1970, and whether it says so itself (else the file's own date)."""
     found = DATE.search(read_text(path))
     if found is None:
         return path.stat().st_mtime, False
-    return datetime.datetime.fromisoformat(found.group().replace('Z', '+00:00')).timestamp(), True
+    try:
+        return datetime.datetime.fromisoformat(found.group().replace('Z', '+00:00')).timestamp(), True
+    except ValueError as error:
+        raise CaseError(f'{path}: {found.group()} is no date') from error
 
 
 def age_finding(check, path, limits, now):
@@ -81,9 +78,13 @@ def age_finding(check, path, limits, now):
 
 def check_calibration(driver, limits, now):
     """Findings, and the calibrated image size or None."""
-    paths = {key: driver.get(key) for key in ('calibration_left', 'calibration_right', 'hand_eye')}
-    findings, loaded = [], {}
-    for key, value in paths.items():
+    paths, findings, loaded = {}, [], {}
+    for key in ('calibration_left', 'calibration_right', 'hand_eye'):
+        try:
+            value = paths[key] = given(driver, key, str, 'stereo_driver/', f'{key}: /var/lib/cortshift/{key}.yaml')
+        except KeyFault as error:
+            findings.append(Finding(FAIL, key, str(error)))
+            continue
         if not value:
             if key == 'hand_eye':
                 findings.append(Finding(WARN, key, 'none: microscope -> left_optical must be published by something else'))
@@ -106,14 +107,23 @@ def check_calibration(driver, limits, now):
 
 
 def image_size(camera):
+    """Columns and rows as the file says them."""
     return camera.get('image_width', camera.get('width')), camera.get('image_height', camera.get('height'))
 
 
 def camera_numbers(camera, key, short_key):
-    """Numbers of a camera_info: {data: [...]}, a flat list or a list of rows, by its own key or the message's."""
+    """Numbers of a camera_info: {data: [...]}, a flat list or a list of rows, by its own key or the message's.
+
+    Raises KeyError, TypeError or ValueError where there are none. YAML has text in 1e-05, yaml-cpp a number.
+    """
     found = camera[key] if key in camera else camera[short_key]
     found = found['data'] if isinstance(found, dict) else found
-    return [number for row in found for number in (row if isinstance(row, list) else [row])]
+    if not isinstance(found, list):
+        raise TypeError(key)
+    numbers = [float(number) for row in found for number in (row if isinstance(row, list) else [row])]
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(key)
+    return numbers
 
 
 LENSES = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (8,), 'equidistant': (4,)}
@@ -122,12 +132,14 @@ LENSES = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (8,), 'equidistant': (4
 def lens_finding(key, camera):
     """What the nodes would refuse; None where they would not."""
     model = camera.get('distortion_model')
-    if model not in LENSES:
+    if not isinstance(model, str) or model not in LENSES:
         return Finding(FAIL, key, f'distortion_model is {model!r}; supported are {", ".join(LENSES)}')
     try:
         terms = camera_numbers(camera, 'distortion_coefficients', 'D')
-    except (KeyError, TypeError):
-        return Finding(FAIL, key, 'distortion_coefficients are missing; calibrate again')
+    except (KeyError, TypeError, ValueError):
+        return Finding(FAIL, key, 'distortion_coefficients are missing, or no list of numbers; calibrate again')
+    if not all(isinstance(length, int) for length in image_size(camera)):
+        return Finding(FAIL, key, f'image_width and image_height are {image_size(camera)}, not whole numbers; calibrate again')
     needed = max(LENSES[model])
     if model != 'equidistant' and len(terms) in (8, 12, 14) and not any(terms[needed:]):
         terms = terms[:needed]  # OpenCV fills up with zeros
@@ -146,7 +158,7 @@ def match_findings(paths, loaded):
         projection = [camera_numbers(camera, 'projection_matrix', 'P') for camera in (left, right)]
         same = all(projection[0][i] == projection[1][i] for i in (0, 5))
         baseline = -projection[1][3] / projection[1][0]
-    except (KeyError, TypeError, IndexError, ZeroDivisionError):
+    except (KeyError, TypeError, ValueError, IndexError, ZeroDivisionError):
         return [Finding(FAIL, 'calibration match', 'projection_matrix is missing or incomplete; calibrate again')]
     dates = {key: calibration_date(Path(paths[key])) for key in loaded}
     if not same or not 0.001 < baseline < 0.5:
@@ -162,34 +174,53 @@ def match_findings(paths, loaded):
 
 
 def check_cameras(driver, size):
-    if driver.get('source') != 'aravis':
-        if driver.get('source') in (None, 'none'):
+    source = given(driver, 'source', str, 'stereo_driver/', 'source: aravis')
+    if source != 'aravis':
+        if source in ('', 'none'):
             return [Finding(FAIL, 'cameras', 'stereo_driver/source is none; set it to aravis in the site file')]
-        return [Finding(OK, 'cameras', f'source {driver["source"]}: none to check')]
+        return [Finding(OK, 'cameras', f'source {source}: none to check')]
+    cameras = given(driver, 'aravis', dict, 'stereo_driver/', 'left: and right: below it, indented')
+    sides = {side: given(cameras, side, dict, 'stereo_driver/aravis/', side + ': {device: 192.168.1.11}') for side in ('left', 'right')}
     tool = shutil.which('arv-tool-0.8')
     if tool is None:
         return [Finding(WARN, 'cameras', 'not checked: install aravis-tools-cli')]
     findings = []
-    for side in ('left', 'right'):
-        device = (driver.get('aravis') or {}).get(side, {}).get('device')
-        check = f'{side} camera'
+    for side, camera in sides.items():
+        device, check = camera.get('device'), f'{side} camera'
+        features = given_texts(camera, 'features', f'stereo_driver/aravis/{side}/', 'features: ["Width=1920", "Height=1080"]')
+        if isinstance(device, (dict, list, bool)):
+            raise KeyFault(f'stereo_driver/aravis/{side}/device is {device!r:.60}, not an address or a name; write device: 192.168.1.11')
         if not device:
             findings.append(Finding(FAIL, check, f'no device; set stereo_driver/aravis/{side}/device'))
             continue
         by_address = re.fullmatch(r'\d+\.\d+\.\d+\.\d+', str(device))
-        run = subprocess.run([tool, '-a' if by_address else '-n', str(device), 'control', 'Width', 'Height'], timeout=60,
-                             capture_output=True, text=True)
+        try:
+            run = subprocess.run([tool, '-a' if by_address else '-n', str(device), 'control', 'Width', 'Height'], timeout=60,
+                                 capture_output=True, text=True, errors='replace')
+        except subprocess.TimeoutExpired:
+            findings.append(Finding(FAIL, check, f'{device} does not answer within 60 s; check power, cable and address'))
+            continue
         found = dict(re.findall(r'(Width|Height) = (\d+)', run.stdout))
         if len(found) < 2:
             said = (run.stdout + run.stderr).strip().replace('\n', ' ')
             findings.append(Finding(FAIL, check, f'{device} does not answer ({said or "nothing"}); check power, cable and address'))
         elif size is not None and (int(found['Width']), int(found['Height'])) != size and \
-                not any(f.startswith(('Width=', 'Height=')) for f in driver['aravis'][side].get('features', [])):
+                not any(f.startswith(('Width=', 'Height=')) for f in features):
             findings.append(Finding(FAIL, check, f'{device} gives {found["Width"]} x {found["Height"]} pixels, the calibration is '
                                     f'for {size[0]} x {size[1]}; set Width and Height, or calibrate again'))
         else:
             findings.append(Finding(OK, check, f'{device} answers, {found["Width"]} x {found["Height"]} pixels'))
     return findings
+
+
+def is_server(text):
+    """Whether the bridge would take it: an IPv4 address and a port."""
+    address, _, port = text.rpartition(':')
+    try:
+        socket.inet_pton(socket.AF_INET, address)
+    except (OSError, ValueError):
+        return False
+    return re.fullmatch('[0-9]{1,5}', port) is not None and 0 < int(port) < 65536
 
 
 def listen(server, seconds):
@@ -224,7 +255,12 @@ def listen(server, seconds):
 
 
 def check_tracker(bridge):
-    servers, tools = bridge.get('servers') or [], [tool.get('device') for tool in bridge.get('tools') or []]
+    servers = given_texts(bridge, 'servers', 'igtl_bridge/', 'servers: ["192.168.1.20:18944"]')
+    tools, example = [], 'tools: [{device: MicroscopeToRef, parent: reference, child: microscope}]'
+    for tool in given(bridge, 'tools', list, 'igtl_bridge/', example):
+        if not isinstance(tool, dict) or not isinstance(tool.get('device'), str) or not tool['device']:
+            raise KeyFault(f'igtl_bridge/tools holds {tool!r:.60}, not a dictionary with the name of a device; write {example}')
+        tools.append(tool['device'])
     if not tools:
         return [Finding(FAIL, 'tracker', 'no tools; list them under igtl_bridge/tools in the site file')]
     too_long = [tool for tool in tools if len(str(tool).encode()) > LONGEST_NAME]
@@ -236,10 +272,14 @@ def check_tracker(bridge):
                         'diagnostics')]
     findings, heard = [], {}
     for server in servers:
+        if not is_server(server):
+            findings.append(Finding(FAIL, 'tracker', f'igtl_bridge/servers holds {server!r:.60}, not ADDRESS:PORT in numbers; write '
+                                    '192.168.1.20:18944'))
+            continue
         try:
             heard.update(listen(server, LISTEN))
             findings.append(Finding(OK, 'tracker', f'{server} answers'))
-        except (OSError, ValueError) as error:
+        except OSError as error:
             findings.append(Finding(FAIL, 'tracker', f'{server}: {error}; start the navigation system, check address and firewall'))
     for tool in tools:
         if tool not in heard:
@@ -266,11 +306,17 @@ def existing(path):
 
 def check_disk(site, limits):
     home = os.environ.get('ROS_HOME') or '~/.ros'
-    folders = {'case folder': section(site, 'shift_tracker').get('case_folder') or home,
-               'recording': section(site, 'case_recorder').get('folder') or home}
     findings = []
-    for check, folder in folders.items():
-        place = existing(folder)
+    for check, name, key in (('case folder', 'shift_tracker', 'case_folder'), ('recording', 'case_recorder', 'folder')):
+        try:
+            folder = given(section(site, name), key, str, name + '/', f'{key}: /data/cases') or home
+            place = existing(folder)
+        except KeyFault as error:
+            findings.append(Finding(FAIL, check, str(error)))
+            continue
+        except (OSError, RuntimeError, ValueError):  # above it no one may look; "~" of nobody; a zero byte
+            findings.append(Finding(FAIL, check, f'{name}/{key}: {folder!r} cannot be looked at; correct the path or the rights above it'))
+            continue
         left = shutil.disk_usage(place).free / GIGABYTE
         text = f'{left:.1f} GB are free for {folder}'
         if not os.access(place, os.W_OK):
@@ -315,13 +361,17 @@ def preflight(site, now=None):
         raise ValueError(f'preflight/{sorted(unknown)[0]} is unknown; known are {", ".join(Limits.__dataclass_fields__)}')
     for key, value in given.items():
         standard = getattr(Limits, key)
-        if isinstance(value, bool) != isinstance(standard, bool) or not isinstance(value, (int, float)):
+        if isinstance(value, bool) != isinstance(standard, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
             raise ValueError(f'preflight/{key} = {value!r} is not {"true or false" if isinstance(standard, bool) else "a number"}')
     limits = Limits(**given)
-    driver = section(site, 'stereo_driver')
-    calibration, size = check_calibration(driver, limits, now or time.time())
-    return [*calibration, *check_cameras(driver, size), *check_tracker(section(site, 'igtl_bridge')), *check_disk(site, limits),
-            *check_clock(limits), *check_simulated_time()]
+    driver, bridge = section(site, 'stereo_driver'), section(site, 'igtl_bridge')
+    findings, size = check_calibration(driver, limits, now or time.time())
+    for check, of, *arguments in (('cameras', check_cameras, driver, size), ('tracker', check_tracker, bridge)):
+        try:
+            findings += of(*arguments)
+        except KeyFault as error:
+            findings.append(Finding(FAIL, check, str(error)))
+    return [*findings, *check_disk(site, limits), *check_clock(limits), *check_simulated_time()]
 
 
 def main(words):
