@@ -16,10 +16,10 @@ from cortshift_tracking.model.brain import ModelError, load_model, save_model
 from cortshift_tracking.model.case_update import located, update_case, write_update
 from cortshift_tracking.model.mesh import quality
 from cortshift_tracking.model.loads import loads_of
-from cortshift_tracking.model.prepare import ModelSettings, check_mask, prepare_model
+from cortshift_tracking.model.prepare import ModelSettings, check_mask, prepare_model, tissues_of
 from cortshift_tracking.model.system import Condensed, System, rows_of
 from cortshift_tracking.model.update import UpdateSettings, bin_field, update
-from cortshift_tracking.model.warp import warps_of
+from cortshift_tracking.model.warp import Warp, labels_now, warps_of
 from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
 
@@ -282,6 +282,29 @@ def test_a_model_survives_its_file(made, updated, tmp_path):
     result = update(again, bin_field(again, start, moved, None), turn @ DOWN)
     assert np.abs(result.displacement - updated.update.displacement).max() < 1e-6
     assert (again.labels['tumour'].data == model.labels['tumour'].data).all() and again.provenance == model.provenance
+
+
+@pytest.mark.parametrize('order', [('tumour', 'oedema'), ('oedema', 'tumour')])
+def test_where_labels_overlap_the_tumour_counts(order):
+    """An oedema that was drawn as the whole lesion, given before the tumour or behind it."""
+    mr, _, tumour = head.volumes(step=0.003)
+    places = mr.to_pmr(np.argwhere(np.ones(mr.data.shape)))
+    lesion = Volume((np.linalg.norm(places - head.TUMOUR, axis=1) < 0.02).reshape(mr.data.shape).astype(np.float32), mr.T_pmr_voxel, 'RAS', 'lesion')
+    given = {'tumour': tumour, 'oedema': lesion}
+    labels = {name: given[name] for name in order}
+    tissue, names = tissues_of(places, labels)
+    now = labels_now(None, mr, Warp(np.zeros((2, 2, 2, 3), np.float32), mr.T_pmr_voxel, None, 'RAS'), labels).data.ravel()
+    is_tumour = tumour.data.ravel() > 0.5
+    for found in (tissue, now):
+        assert (found[is_tumour] == names.index('tumour')).all()
+        assert (found[~is_tumour & (lesion.data.ravel() > 0.5)] == names.index('oedema')).all()
+
+
+def test_a_label_that_another_covers_whole_is_refused():
+    mr, _, tumour = head.volumes(step=0.003)
+    places = mr.to_pmr(np.argwhere(np.ones(mr.data.shape)))
+    with pytest.raises(ModelError, match=r'label "oedema" \(tumour.nii\) lies whole below label "tumour" .* take "oedema" out of "tumour"'):
+        tissues_of(places, {'tumour': tumour, 'oedema': tumour})
 
 
 # ---- refusals -------------------------------------------------------------------------------------------------------------

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_matrix, diags
 
+#: What a place is that several labels hold: what stands further on. Others stand behind the oedema, in the order of their names.
+LEAST_FIRST, ABOVE = 'oedema', ('ventricles', 'falx', 'tentorium', 'tumour')
 RELAXED = 4   # times that each vertex goes to the middle of its neighbours, within its own cube of voxels
 
 
@@ -15,6 +17,11 @@ class Structure:
     now: np.ndarray
     sd: np.ndarray
     quads: np.ndarray
+
+
+def by_precedence(names):
+    """Names of labels, those that others cover first. It is the same in whichever order they were given."""
+    return sorted(names, key=lambda name: (name != LEAST_FIRST, ABOVE.index(name) + 1 if name in ABOVE else 0, name))
 
 
 def border_of_label(label):

@@ -7,6 +7,7 @@ from scipy import ndimage
 
 from cortshift_tracking.durable import write_durably
 from cortshift_tracking.errors import CortshiftError
+from cortshift_tracking.model.structures import by_precedence
 from cortshift_tracking.mr.volume import AXES_FROM_RAS, Volume
 
 STEP = 0.002          # of the grids of vectors [m]
@@ -154,10 +155,11 @@ def write_nrrd(warp, path, says):
 
 
 def labels_now(model, volume, pmr_from_now, labels):
-    """Volume of the labels as they are now: 1, 2 ... in the order of `labels` (name to Volume)."""
+    """Volume of the labels as they are now: 1, 2 ... in the order of `labels` (name to Volume); where several are, by_precedence."""
     joined = np.zeros(volume.data.shape, np.float32)
-    for number, label in enumerate(labels.values(), 1):
-        joined[np.nan_to_num(_on_grid_of(volume, label)) > 0.5] = number
+    numbers = {name: number for number, name in enumerate(labels, 1)}
+    for name in by_precedence(labels):
+        joined[np.nan_to_num(_on_grid_of(volume, labels[name])) > 0.5] = numbers[name]
     before = Volume(joined, volume.T_pmr_voxel, volume.axes, volume.source)
     return Volume(warped(before, pmr_from_now, order=0), volume.T_pmr_voxel, volume.axes, volume.source)
 
