@@ -12,7 +12,7 @@ from geometry_msgs.msg import Point
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
-from cortshift_tracking.case.folder import gravity_of, read_stage
+from cortshift_tracking.case.folder import SAME_STAMP, gravity_of, read_stage
 from cortshift_tracking.case.messages import MR_KEY, field_from_message
 from cortshift_tracking.errors import CortshiftError
 from cortshift_tracking.model.brain import ModelError, load_model
@@ -29,6 +29,10 @@ PARAMETERS = {
 
 BORDER_FIELDS = ('x', 'y', 'z', 'dx', 'dy', 'dz')   # of a moved label's border
 FIELD_ARRIVES = 3.0   # s: a field may be under way when its compute_shift has answered
+# s: so may one that replaces an older field of the same pair, which nothing in the older one tells. shift_tracker publishes before it
+# answers; the 10 MB of a field then take some 0.1 s by a network of 1 Gbit/s and through rospy.
+FIELD_SETTLES = 1.0
+BUFFER = 1 << 26      # bytes: rospy reads a large message whole only where it has room for it
 
 
 def updated_mr_message(mr, structures, field):
@@ -48,12 +52,18 @@ def updated_mr_message(mr, structures, field):
     return message
 
 
+def _other_captures(field, stages):
+    """Keys of a DisplacementField whose stage, in `stages` (key to StageInfo), was exposed at another time. The preoperative MR is none."""
+    ends = ((field.from_key, field.from_stamp), (field.to_key, field.to_stamp))
+    return [key for key, stamp in ends if key in stages and abs((stages[key].stamp - stamp).to_sec()) > SAME_STAMP]
+
+
 class BrainModelNode:
     """Services ~update, ~locate; see the .srv files.
 
     Parameters   case (text, required): folder of the case; model (text, required): file of prepare_model; PARAMETERS above
     Subscribes   shift/field (the fields that ~update can take)
-    Calls        shift_tracker/list_stages (the epochs of the field's stages)
+    Calls        shift_tracker/list_stages (the exposures and epochs of the field's stages)
     Publishes    ~overlay (the rectified left image of the later stage with the structures as they were and are, latched),
                  ~updated_mr (for igtl_bridge, latched), /diagnostics
     """
@@ -67,7 +77,7 @@ class BrainModelNode:
         self._lock, self._fields, self._updated = threading.Lock(), {}, None
         self._arrived = threading.Condition()
         self._state = 'no update yet'
-        rospy.Subscriber('shift/field', DisplacementField, self._keep, queue_size=5)
+        rospy.Subscriber('shift/field', DisplacementField, self._keep, queue_size=5, buff_size=BUFFER)
         self._diagnostics = rospy.Publisher('/diagnostics', DiagnosticArray, queue_size=5)
         self._overlays = rospy.Publisher('~overlay', Image, queue_size=1, latch=True)
         self._updates = rospy.Publisher('~updated_mr', UpdatedMr, queue_size=1, latch=True)
@@ -81,13 +91,19 @@ class BrainModelNode:
                 self._fields[message.from_key, message.to_key] = message
                 self._arrived.notify_all()
 
-    def _field(self, request):
-        """The field of a request, which may just be on its way. Raises ModelError."""
+    def _field(self, request, stages):
+        """The newest field of a request between these stages, which may just be on its way. stages: key to StageInfo. Raises ModelError."""
         keys = request.from_key, request.to_key
         with self._arrived:
-            if not self._arrived.wait_for(lambda: keys in self._fields, FIELD_ARRIVES):
+            before = self._fields.get(keys)
+            patience = FIELD_ARRIVES if before is None or _other_captures(before, stages) else FIELD_SETTLES
+            self._arrived.wait_for(lambda: self._fields.get(keys) is not before and not _other_captures(self._fields[keys], stages), patience)
+            if keys not in self._fields:
                 there = ', '.join(f'{a} -> {b}' for a, b in self._fields) or 'none'
                 raise ModelError(f'no field {keys[0]} -> {keys[1]} was published; compute it with shift_tracker/compute_shift. There are: {there}')
+            other = _other_captures(self._fields[keys], stages)
+            if other:
+                raise ModelError(f'the field {keys[0]} -> {keys[1]} is of another capture of "{other[0]}"; compute it again')
             return self._fields[keys]
 
     def _update(self, request):
@@ -95,8 +111,10 @@ class BrainModelNode:
         name = f'{request.from_key} -> {request.to_key}'
         try:
             with self._lock:
-                field = field_from_message(self._field(request))
-                updated = update_case(self._model, self._volume, field, self._gravity(), self._model.labels, epochs=self._epochs(request))
+                stages = self._stages(request)
+                field = field_from_message(self._field(request, stages))
+                epochs = {key: stage.epoch for key, stage in stages.items()}
+                updated = update_case(self._model, self._volume, field, self._gravity(), self._model.labels, epochs=epochs)
                 folder = self._values['output'] or os.path.join(self._values['case'], 'brain_model')
                 folder = os.path.join(folder, f'{request.from_key}__{request.to_key}')
                 picture, why = self._overlay(updated, field)
@@ -125,15 +143,15 @@ class BrainModelNode:
         self._overlays.publish(image)
         return picture, ''
 
-    def _epochs(self, request):
-        """Key to epoch of the request's stages. Raises ModelError where shift_tracker does not say them."""
+    def _stages(self, request):
+        """Key to StageInfo of the request's stages, those that there are. Raises ModelError where shift_tracker does not say them."""
         keys = [key for key in (request.from_key, request.to_key) if key != MR_KEY]
         try:
             rospy.wait_for_service('shift_tracker/list_stages', timeout=2.0)
             stages = rospy.ServiceProxy('shift_tracker/list_stages', ListStages)().stages
         except (rospy.ROSException, rospy.ServiceException) as error:
-            raise ModelError(f'shift_tracker does not answer ({error}), so the epochs of the stages cannot be checked; start it') from error
-        return {stage.key: stage.epoch for stage in stages if stage.key in keys}
+            raise ModelError(f'shift_tracker does not answer ({error}), so the stages of the field cannot be checked; start it') from error
+        return {stage.key: stage for stage in stages if stage.key in keys}
 
     def _gravity(self):
         measured = gravity_of(read_points(self._values['case']))
