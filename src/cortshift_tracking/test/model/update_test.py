@@ -112,9 +112,31 @@ def test_no_element_and_no_voxel_is_folded(made, updated):
     assert updated.pmr_from_now.least_stretch() > 0
 
 
-def test_resected_tissue_is_out(made):
+def test_resected_tissue_is_out(made, updated):
+    """Half of a tumour: what is told of it is of the other half."""
+    model, mr, field, turn = made
+    tumour = model.labels['tumour']
+    voxels = np.argwhere(tumour.data > 0.5)
+    upper = (tumour.to_pmr(voxels) @ turn - head.TUMOUR) @ head.OUTWARD > 0
+    part = np.zeros_like(tumour.data)
+    part[tuple(voxels[upper].T)] = 1
+    half = update_case(model, mr, field, turn @ DOWN, model.labels, resected=replace(tumour, data=part))
+    before, after = (one.labels.data == 1 for one in (updated, half))
+    assert 0.4 * before.sum() < after.sum() < 0.6 * before.sum()
+    assert half.summary['labels']['tumour']['resected'] == pytest.approx(upper.mean(), abs=1e-3) and 0.4 < upper.mean() < 0.6
+    structure, = half.structures
+    assert ((structure.was @ turn - head.TUMOUR) @ head.OUTWARD).max() < 0.004
+    assert len(structure.whole[0]) == len(updated.structures[0].was)
+    hole = half.mr.data[before & ~after]
+    assert np.median(hole) == mr.data.min() and updated.mr.data[before].min() > 60   # the tumour is bright
+
+
+def test_where_all_of_a_label_is_resected_nothing_of_it_is_now(made):
     model, mr, field, turn = made
     updated = update_case(model, mr, field, turn @ DOWN, model.labels, resected=model.labels['tumour'])
+    assert updated.summary['labels']['tumour'] == {'value': 1, 'resected': 1.0}
+    assert not updated.labels.data.any() and not len(updated.structures[0].quads) and len(updated.structures[0].whole[1])
+    assert not [text for text in updated.summary['warnings'] if 'resected' in text]
     assert updated.summary['resected_mm3'] == pytest.approx(4 / 3 * np.pi * head.TUMOUR_RADIUS ** 3 * 1e9, rel=0.25)
     _, _, known = located(model, updated.update, (turn @ head.TUMOUR)[None])
     assert not known[0]
@@ -236,7 +258,7 @@ def test_files_are_what_was_said(made, updated, tmp_path):
     assert {name.name for name in tmp_path.iterdir()} == {'updated_mr.nii.gz', 'labels_now.nii.gz', 'now_from_pmr.nrrd', 'pmr_from_now.nrrd',
                                                           'summary.json'}
     summary = json.loads((tmp_path / 'summary.json').read_text())
-    assert 'the rows do not agree' in summary['warnings']
+    assert {'the rows do not agree', 'no resected part was given: tissue that was taken out counts as there'} <= set(summary['warnings'])
     assert summary['made_with']['field'] == {'software': '1.0', 'configuration': 'c', 'calibration': 'd'}
     assert summary['made_with']['software']
     assert summary['labels']['tumour']['value'] == 1
@@ -293,7 +315,7 @@ def test_where_labels_overlap_the_tumour_counts(order):
     given = {'tumour': tumour, 'oedema': lesion}
     labels = {name: given[name] for name in order}
     tissue, names = tissues_of(places, labels)
-    now = labels_now(None, mr, Warp(np.zeros((2, 2, 2, 3), np.float32), mr.T_pmr_voxel, None, 'RAS'), labels).data.ravel()
+    now = labels_now(mr, Warp(np.zeros((2, 2, 2, 3), np.float32), mr.T_pmr_voxel, None, 'RAS'), labels, None).data.ravel()
     is_tumour = tumour.data.ravel() > 0.5
     for found in (tissue, now):
         assert (found[is_tumour] == names.index('tumour')).all()

@@ -11,9 +11,9 @@ from scipy.ndimage import binary_erosion
 from cortshift_tracking.durable import write_durably
 from cortshift_tracking.model.brain import ModelError, identity_of
 from cortshift_tracking.model.overlay import overlay
-from cortshift_tracking.model.structures import located, structures_of
+from cortshift_tracking.model.structures import left_of, located, structures_of
 from cortshift_tracking.model.update import bin_field, update
-from cortshift_tracking.model.warp import labels_now, warped, warps_of, write_nrrd
+from cortshift_tracking.model.warp import hole_now, labels_now, warped, warps_of, write_nrrd
 from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
 from cortshift_tracking.poses import pose_matrix
@@ -56,7 +56,10 @@ def check_epochs(model, epochs):
 
 
 def update_case(model, volume, field, gravity, labels, resected=None, epochs=None):
-    """Updated of a Field. labels: name to Volume; resected: Volume, > 0.5 where tissue has gone, or None; gravity in pmr, or None."""
+    """Updated of a Field. labels: name to Volume; gravity in pmr, or None.
+
+    resected: Volume, > 0.5 where tissue has gone, or None. There the updated MR has its darkest value and no label is.
+    """
     began = time.monotonic()
     check_mr(model, volume)
     check_epochs(model, epochs or {})
@@ -73,8 +76,13 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
             raise ModelError(f'{resected.source}: the resected part holds nothing of the brain; give a volume in the space of the MR')
     result = update(model, pulls, gravity, gone, exposed=field.in_opening)
     now_from_pmr, pmr_from_now = warps_of(model, result, volume)
-    moved = Volume(warped(volume, pmr_from_now), volume.T_pmr_voxel, volume.axes, volume.source)
-    now_labels = labels_now(model, volume, pmr_from_now, labels)
+    moved, hole = warped(volume, pmr_from_now), None
+    left, share = dict(labels), {}
+    if resected is not None:
+        hole = hole_now(volume, pmr_from_now, resected)
+        moved[hole] = volume.data.min()
+        for name, label in labels.items():
+            left[name], share[name] = left_of(label, resected)
     warnings = [*(() if field.summary is None else field.summary.warnings), *result.warnings]
     if not field.brain and field.from_mr:   # whose vectors are none of bone
         warnings.append('a field from the MR does not say the outline of the exposed brain: the skull holds nothing within the model\'s craniotomy')
@@ -86,15 +94,19 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
         warnings.append(f'the field begins at stage "{field.from_key}": what the brain moved from the MR until then is not in it')
     if now_from_pmr.least_stretch() <= 0 or pmr_from_now.least_stretch() <= 0:
         warnings.append('the warp folds somewhere: the motion is too large or too uneven for the model')
+    if resected is None:
+        warnings.append('no resected part was given: tissue that was taken out counts as there')
     length = np.linalg.norm(result.displacement, axis=1) * 1000
     summary = {'from_key': field.from_key, 'to_key': field.to_key, 'seconds': round(time.monotonic() - began, 3),
                'drained_fraction': _number(result.drained), 'swelling': _number(result.swelling),
                'residual_at_surface_mm': _number(result.residual * 1000), 'largest_displacement_mm': _number(length.max()),
                'resected_mm3': _number(model.mesh.volumes[gone].sum() * 1e9), 'skull_patches_pressing': _number(result.pressing),
-               'labels': {name: {'value': number, **moved_label(model, result, label)} for number, (name, label) in enumerate(labels.items(), 1)},
+               'labels': {name: {'value': number, **moved_label(model, result, label), **({'resected': _number(share[name])} if share else {})}
+                          for number, (name, label) in enumerate(left.items(), 1)},
                'warnings': warnings, 'model': model.provenance,
                'made_with': {'software': software_version(), 'field': asdict(field.provenance)}}
-    return Updated(result, moved, now_labels, now_from_pmr, pmr_from_now, summary, structures_of(model, result, now_from_pmr, labels))
+    return Updated(result, Volume(moved, volume.T_pmr_voxel, volume.axes, volume.source), labels_now(volume, pmr_from_now, labels, hole),
+                   now_from_pmr, pmr_from_now, summary, structures_of(model, result, now_from_pmr, labels, left))
 
 
 def _number(value):

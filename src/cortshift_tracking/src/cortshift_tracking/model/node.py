@@ -44,6 +44,8 @@ def updated_mr_message(mr, structures, field):
         message.slices.append(Image(header=header, height=rows, width=columns, encoding='32FC1', step=4 * columns,
                                     data=np.ascontiguousarray(values.T, '<f4').tobytes()))
     for structure in structures:
+        if not len(structure.quads):   # resected
+            continue
         data = np.concatenate([structure.was, structure.now - structure.was], 1).astype('<f4')
         cloud = PointCloud2(header=header, height=1, width=len(data), point_step=4 * len(BORDER_FIELDS), row_step=4 * len(BORDER_FIELDS) * len(data),
                             data=data.tobytes(), is_dense=True)
