@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 from cortshift_msgs.msg import ShiftSummary
 from cortshift_tracking.case.messages import Field, Provenance
+from cortshift_tracking.model import system as system_module
 from cortshift_tracking.model.brain import ModelError, load_model, save_model
 from cortshift_tracking.model.case_update import located, update_case, write_update
 from cortshift_tracking.model.mesh import quality
 from cortshift_tracking.model.loads import loads_of
-from cortshift_tracking.model.prepare import ModelSettings, check_mask, prepare_model, tissues_of
+from cortshift_tracking.model.prepare import ModelSettings, check_mask, prepare_model
 from cortshift_tracking.model.system import Condensed, System, rows_of
 from cortshift_tracking.model.update import UpdateSettings, bin_field, update
-from cortshift_tracking.model.warp import Warp, labels_now, warps_of
+from cortshift_tracking.model.warp import warps_of
 from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
 
@@ -87,6 +88,13 @@ def test_uncertain_vectors_pull_less(made):
         now, _, known = located(model, result, place)
         residual[name] = np.median(np.linalg.norm(now - place - moved[half][::7], axis=1)[known])
     assert residual['doubted'] < 0.75 * residual['trusted']
+
+
+def test_an_infinite_uncertainty_is_one_that_is_not_known(made):
+    model, _, field, _ = made
+    start, moved = (values[field.valid] for values in (field.start, field.displacement))
+    infinite, unknown = (bin_field(model, start, moved, uncertainty) for uncertainty in (np.full(len(start), np.inf), None))
+    assert (infinite.sd == unknown.sd).all()
 
 
 def test_the_standard_deviation_grows_away_from_the_data(made, updated):
@@ -236,6 +244,25 @@ def test_woodbury_is_the_model_without_those_elements(made):
     assert not np.allclose(found, whole[:, 0], rtol=1e-3)
 
 
+def test_resected_tissue_away_from_what_is_kept_is_solved_in_blocks(made, monkeypatch):
+    """The same numbers, and no more right sides at once."""
+    model = made[0]
+    deep = np.linalg.norm(model.mesh.nodes[model.mesh.tetrahedra].mean(1), axis=1) < 0.02
+    assert not np.isin(model.mesh.tetrahedra[deep], model.zone).all()
+    widest, found, solve = [], [], type(model.factor).solve
+
+    def seen(factor, right):
+        widest[-1] = max(widest[-1], np.shape(right)[1])
+        return solve(factor, right)
+    monkeypatch.setattr(type(model.factor), 'solve', seen)
+    for at_once in (10000, 40):
+        monkeypatch.setattr(system_module, 'AT_ONCE', at_once)
+        widest.append(0)
+        found.append(Condensed(model, np.zeros((3 * len(model.mesh.nodes), 1)), deep, UpdateSettings(), np.zeros(0, int)))
+    assert widest[0] > 100 and widest[1] == 40
+    assert np.allclose(found[0].compliance, found[1].compliance, rtol=1e-9, atol=1e-9 * np.abs(found[0].compliance).max())
+
+
 def _full(model, force):
     full = np.zeros((3 * len(model.mesh.nodes), 1))
     full[(3 * model.zone[:, None] + np.arange(3)).ravel()] = force[:3 * len(model.zone)]
@@ -306,29 +333,6 @@ def test_a_model_survives_its_file(made, updated, tmp_path):
     assert (again.labels['tumour'].data == model.labels['tumour'].data).all() and again.provenance == model.provenance
 
 
-@pytest.mark.parametrize('order', [('tumour', 'oedema'), ('oedema', 'tumour')])
-def test_where_labels_overlap_the_tumour_counts(order):
-    """An oedema that was drawn as the whole lesion, given before the tumour or behind it."""
-    mr, _, tumour = head.volumes(step=0.003)
-    places = mr.to_pmr(np.argwhere(np.ones(mr.data.shape)))
-    lesion = Volume((np.linalg.norm(places - head.TUMOUR, axis=1) < 0.02).reshape(mr.data.shape).astype(np.float32), mr.T_pmr_voxel, 'RAS', 'lesion')
-    given = {'tumour': tumour, 'oedema': lesion}
-    labels = {name: given[name] for name in order}
-    tissue, names = tissues_of(places, labels)
-    now = labels_now(mr, Warp(np.zeros((2, 2, 2, 3), np.float32), mr.T_pmr_voxel, None, 'RAS'), labels, None).data.ravel()
-    is_tumour = tumour.data.ravel() > 0.5
-    for found in (tissue, now):
-        assert (found[is_tumour] == names.index('tumour')).all()
-        assert (found[~is_tumour & (lesion.data.ravel() > 0.5)] == names.index('oedema')).all()
-
-
-def test_a_label_that_another_covers_whole_is_refused():
-    mr, _, tumour = head.volumes(step=0.003)
-    places = mr.to_pmr(np.argwhere(np.ones(mr.data.shape)))
-    with pytest.raises(ModelError, match=r'label "oedema" \(tumour.nii\) lies whole below label "tumour" .* take "oedema" out of "tumour"'):
-        tissues_of(places, {'tumour': tumour, 'oedema': tumour})
-
-
 # ---- refusals -------------------------------------------------------------------------------------------------------------
 
 def test_a_mask_of_two_parts_is_refused():
@@ -344,6 +348,14 @@ def test_a_field_off_the_model_is_refused(made):
     off = field_of(field.start + turn @ [0, 0.06, -0.02], field.displacement)
     with pytest.raises(ModelError, match="of the field lies within 10 mm of the model's surface .* of another craniotomy"):
         update_case(model, mr, off, None, {})
+
+
+def test_a_field_on_resected_tissue_alone_is_refused(made):
+    model, _, field, _ = made
+    start, moved = (values[field.valid] for values in (field.start, field.displacement))
+    near = np.linalg.norm(model.mesh.nodes[model.mesh.tetrahedra].mean(1) - model.craniotomy, axis=1) < 0.045
+    with pytest.raises(ModelError, match='every vector lies on tissue that was resected'):
+        update(model, bin_field(model, start, moved, None), resected=near)
 
 
 def test_a_model_of_another_mr_is_refused(made):

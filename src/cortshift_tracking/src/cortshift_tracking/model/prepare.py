@@ -137,6 +137,9 @@ def _zone(mesh, border, craniotomy, exposed, tissue, names, settings):
     else:
         open_ = cKDTree(exposed).query(mesh.nodes[border])[0] < settings.margin
     if open_.sum() < 10:
-        raise ModelError('the first surface lies nowhere on the border of the brain; check the patient registration and the mask')
+        if exposed is not None:
+            raise ModelError('the first surface lies nowhere on the border of the brain; check the patient registration and the mask')
+        raise ModelError(f'the border of the brain has only {open_.sum()} nodes within {settings.opening * 1000:g} mm of the craniotomy; check '
+                         'where it is said to be and the mask, or prepare more elements')
     tumour = np.unique(mesh.tetrahedra[tissue == names.index('tumour')]) if 'tumour' in names else np.zeros(0, int)
     return np.union1d(border[open_], tumour), border[~open_]
