@@ -15,6 +15,7 @@ import rospy
 import rostest
 from cortshift_msgs.msg import DisplacementField, ShiftSummary, StageInfo, UpdatedMr
 from cortshift_msgs.srv import ListStages, ListStagesResponse, Locate, UpdateModel
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -44,6 +45,7 @@ class BrainModelTest(unittest.TestCase):
         path = os.path.join(cls.folder.name, 'mr.nii')
         mr, brain, tumour = head.volumes(step=0.003)
         save_nifti(mr, path)
+        save_nifti(tumour, os.path.join(cls.folder.name, 'tumour.nii'))
         points, frame = head.surface_grid()
         cls.frame = frame
         model = prepare_model(load_volume(path), brain, head.CRANIOTOMY, points[np.isfinite(points[..., 0])], {'tumour': tumour},
@@ -55,7 +57,8 @@ class BrainModelTest(unittest.TestCase):
         cls.write_stage('second')
         cls.stages = dict(STAGES)
         rospy.Service(f'{NS}/shift_tracker/list_stages', ListStages,
-                      lambda _: ListStagesResponse([StageInfo(key=key, stamp=rospy.Time(at), epoch=epoch) for key, (at, epoch) in cls.stages.items()]))
+                      lambda _: ListStagesResponse([StageInfo(key=key, stamp=rospy.Time(at), epoch=epoch)
+                                                    for key, (at, epoch) in cls.stages.items()]))
         cls.publisher = rospy.Publisher(f'{NS}/shift/field', DisplacementField, queue_size=5)
         cls.node = subprocess.Popen([sys.executable, os.path.join(HERE, '..', '..', 'scripts', 'brain_model'), f'_case:={cls.folder.name}',
                                      f'_model:={cls.folder.name}/model.npz', f'_gravity:={(-head.OUTWARD).tolist()}'],
@@ -120,6 +123,7 @@ class BrainModelTest(unittest.TestCase):
         answer = self.updated('second')
         self.assertTrue(answer.success, answer.message)
         self.assertIn('the field begins at stage "first"', answer.message)
+        self.assertIn('warning: no resected part was given: tissue that was taken out counts as there', answer.message)
         self.assertNotIn('no overlay', answer.message)
         files = os.listdir(os.path.join(self.folder.name, 'brain_model', 'first__second'))
         self.assertIn('updated_mr.nii.gz', files)
@@ -178,6 +182,25 @@ class BrainModelTest(unittest.TestCase):
             self.assertTrue(answer.success, answer.message)
             largest.append(float(re.search(r'largest displacement ([0-9.]+) mm', answer.message)[1]))
         self.assertGreater(largest[0], 2 * largest[1])
+
+    def test_9_what_was_resected_is_a_hole_and_a_refusal_is_seen(self):
+        self.stages['second'] = (9, 1)
+        self.publish('second', self.moved, 9.0)
+        rospy.set_param(f'{NS}/brain_model/resected', os.path.join(self.folder.name, 'tumour.nii'))
+        answer = self.update('first', 'second')
+        self.assertTrue(answer.success, answer.message)
+        self.assertNotIn('no resected part', answer.message)
+        self.assertEqual(bytes(self.locate([Point(*head.TUMOUR)]).known), b'\0')
+        rospy.set_param(f'{NS}/brain_model/resected', os.path.join(self.folder.name, 'none.nii'))
+        answer = self.update('first', 'second')
+        self.assertFalse(answer.success)
+        self.assertRegex(answer.message, 'none.nii: no such file.*; ~locate answers from first -> second$')
+        said = []
+        subscriber = rospy.Subscriber('/diagnostics', DiagnosticArray, lambda message: said.extend(message.status))
+        wait_until(lambda: said, 60, 'diagnostics of brain_model')
+        subscriber.unregister()
+        self.assertEqual((said[-1].level, said[-1].values[-1].value), (DiagnosticStatus.WARN, 'first -> second'))
+        rospy.set_param(f'{NS}/brain_model/resected', '')
 
     def updated(self, to_key):
         """The answer to ~update once the field has come to the node."""

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import binary_erosion
 
-from cortshift_tracking.durable import write_durably
+from cortshift_tracking.case.messages import MR_KEY
+from cortshift_tracking.durable import removed_durably, write_durably
 from cortshift_tracking.model.brain import ModelError, identity_of
 from cortshift_tracking.model.overlay import overlay
 from cortshift_tracking.model.structures import left_of, located, structures_of
@@ -41,10 +42,26 @@ def check_mr(model, volume):
         raise ModelError(f'the model is of another MR ({model.provenance["mr_source"]}) than {volume.source}; prepare one of this MR')
 
 
+def direction_of(values, given_by):
+    """Unit vector of gravity given as three numbers. given_by: by which option, for people. Raises ModelError."""
+    values = np.array(values, float)
+    length = np.linalg.norm(values)
+    if not np.isfinite(length) or length == 0:
+        raise ModelError(f'{given_by} {" ".join(f"{value:g}" for value in values)}: is no direction; give that of gravity in pmr, such as 0 0 -1')
+    return values / length
+
+
+def epochs_of(field, stages):
+    """Key to epoch of the field's ends, 0 where there is no such stage. stages: that have a key and an epoch. The preoperative MR has none."""
+    known = {stage.key: stage.epoch for stage in stages}
+    return {key: known.get(key, 0) for key in (field.from_key, field.to_key) if key != MR_KEY}
+
+
 def check_epochs(model, epochs):
     """Raises ModelError where the stages of a field, key to epoch, are of several patient registrations, or not of the model's.
 
-    0: not known, as in stages of old versions. Beside a known one it may be another; where none is known, `update_case` warns.
+    0: not known, as in stages of old versions and of stages that are not there. Beside a known one it may be another; where none is
+    known, `update_case` warns.
     """
     known = dict(epochs)
     if model.provenance.get('epoch') is not None:   # of a model that was made of no stage there is none
@@ -66,9 +83,9 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
     confidence = np.nan_to_num(field.confidence)
     # Bone and drape do not pull: the brain slides below them.
     start = np.where(((confidence > 0) & field.on_brain(field.start))[..., None], field.start, np.nan).reshape(-1, 3)
-    uncertainty = field.uncertainty
+    uncertainty, common = field.uncertainty, getattr(field.summary, 'common_sd', 0.0)
     pulls = bin_field(model, start, field.displacement.reshape(-1, 3), None if uncertainty is None else uncertainty.ravel(),
-                      common=float(np.nan_to_num(getattr(field.summary, 'common_sd', 0.0))))
+                      common=float(common) if np.isfinite(common) else 0.0)
     gone = np.zeros(len(model.tissue), bool)
     if resected is not None:
         gone = np.nan_to_num(resected.sample(model.mesh.nodes[model.mesh.tetrahedra].mean(1))) > 0.5
@@ -136,12 +153,17 @@ def overlay_of(updated, field, stage):
 
 
 def write_update(updated, folder, picture=None):
-    """The files of the contract, each durably; picture: of overlay_of, to overlay.png."""
+    """The files of the contract, each durably; picture: of overlay_of, to overlay.png.
+
+    summary.json goes first and comes last: a folder that has one is whole, and of one update.
+    """
     os.makedirs(folder, exist_ok=True)
+    for name in ('summary.json', 'overlay.png'):
+        removed_durably(os.path.join(folder, name))
     save_nifti(updated.mr, os.path.join(folder, 'updated_mr.nii.gz'), level=1)
     save_nifti(updated.labels, os.path.join(folder, 'labels_now.nii.gz'), np.uint8, level=1)
     write_nrrd(updated.now_from_pmr, os.path.join(folder, 'now_from_pmr.nrrd'), NOW_FROM_PMR)
     write_nrrd(updated.pmr_from_now, os.path.join(folder, 'pmr_from_now.nrrd'), PMR_FROM_NOW)
-    write_durably(os.path.join(folder, 'summary.json'), json.dumps(updated.summary, indent=1) + '\n')
     if picture is not None:
         write_durably(os.path.join(folder, 'overlay.png'), cv2.imencode('.png', picture)[1].tobytes())
+    write_durably(os.path.join(folder, 'summary.json'), json.dumps(updated.summary, indent=1) + '\n')

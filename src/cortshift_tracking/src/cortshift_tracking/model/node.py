@@ -2,6 +2,7 @@
 import os
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import rospy
@@ -13,16 +14,18 @@ from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from cortshift_tracking.case.folder import SAME_STAMP, gravity_of, read_stage
-from cortshift_tracking.case.messages import MR_KEY, field_from_message
+from cortshift_tracking.case.messages import field_from_message
 from cortshift_tracking.errors import CortshiftError
 from cortshift_tracking.model.brain import ModelError, load_model
-from cortshift_tracking.model.case_update import check_mr, located, overlay_of, update_case, write_update
-from cortshift_tracking.mr.admission import MrSource, admit_mr
+from cortshift_tracking.model.case_update import check_mr, direction_of, epochs_of, located, overlay_of, update_case, write_update
+from cortshift_tracking.mr.admission import admit_mr, remembered_source
+from cortshift_tracking.mr.marked import load_marked
 from cortshift_tracking.parameters import ParameterError, read_parameters
 from cortshift_tracking.probe.store import read_points
 
 PARAMETERS = {
     'mr': '',                        # the MR that the model is of, where it is not where it was
+    'resected': '',                  # volume in the MR's space, > 0 where tissue was taken out; it and its file are read at each update; '': none
     'output': '',                    # folder for the files of each update; '': brain_model in the case
     'gravity': [0.0, 0.0, 0.0],      # direction in pmr where the probe has not digitised it; zeros: not known
 }
@@ -73,10 +76,10 @@ class BrainModelNode:
     def __init__(self):
         self._values = read_parameters(PARAMETERS, required=('case', 'model'))
         self._model = load_model(self._values['model'])
-        source = self._values['mr'] or self._model.provenance['mr_source']
-        self._volume = admit_mr(MrSource(source, self._model.provenance['axes']), [])
+        self._source = remembered_source(self._model.provenance, self._values['mr'], 'parameter mr')
+        self._volume = admit_mr(self._source, [])
         check_mr(self._model, self._volume)
-        self._lock, self._fields, self._updated = threading.Lock(), {}, None
+        self._lock, self._fields, self._updated, self._refused = threading.Lock(), {}, None, False
         self._arrived = threading.Condition()
         self._state = 'no update yet'
         rospy.Subscriber('shift/field', DisplacementField, self._keep, queue_size=5, buff_size=BUFFER)
@@ -115,52 +118,71 @@ class BrainModelNode:
             with self._lock:
                 stages = self._stages(request)
                 field = field_from_message(self._field(request, stages))
-                epochs = {key: stage.epoch for key, stage in stages.items()}
-                updated = update_case(self._model, self._volume, field, self._gravity(), self._model.labels, epochs=epochs)
+                updated = update_case(self._model, self._volume, field, self._gravity(), self._model.labels, self._resected(),
+                                      epochs_of(field, stages.values()))
                 folder = self._values['output'] or os.path.join(self._values['case'], 'brain_model')
                 folder = os.path.join(folder, f'{request.from_key}__{request.to_key}')
-                picture, why = self._overlay(updated, field)
+                image, picture, why = self._overlay(updated, field)
                 write_update(updated, folder, picture)
-                self._updated = updated
+                self._updated, self._refused = updated, False
+                if image is not None:
+                    self._overlays.publish(image)
                 self._updates.publish(updated_mr_message(updated.mr, updated.structures, field))
         except (CortshiftError, OSError) as error:
-            self._state = f'{name} not updated: {error}'
-            rospy.logwarn(self._state)
-            return UpdateModelResponse(False, self._state, time.monotonic() - began)
+            return self._not_updated(name, error, began)
+        except MemoryError:
+            return self._not_updated(name, 'not enough memory; close other programs, or prepare a model of fewer elements', began)
+        except (ValueError, np.linalg.LinAlgError) as error:
+            return self._not_updated(name, f'the update could not be computed ({error}); compute the field again, and report the case', began)
         warnings = ''.join(f'; warning: {text}' for text in updated.summary['warnings'])
         self._state = f'{name} updated, largest displacement {updated.summary["largest_displacement_mm"]:.1f} mm, files in {folder}{warnings}{why}'
         rospy.loginfo(self._state)
         return UpdateModelResponse(True, self._state, time.monotonic() - began)
 
+    def _not_updated(self, name, why, began):
+        """The answer to a request that was refused; the last update stays."""
+        self._refused = True
+        self._state = f'{name} not updated: {why}; ~locate answers from {self._located_from()}'
+        rospy.logwarn(self._state)
+        return UpdateModelResponse(False, self._state, time.monotonic() - began)
+
+    def _located_from(self):
+        """The update that ~locate answers from, for people."""
+        updated = self._updated
+        return 'none' if updated is None else f'{updated.summary["from_key"]} -> {updated.summary["to_key"]}'
+
     def _overlay(self, updated, field):
-        """The picture, published; or None, and why there is none."""
+        """The picture, as a message and as an array, and ''; or None twice, and why there is none."""
         try:
             stage = read_stage(self._values['case'], field.to_key)
             picture = overlay_of(updated, field, stage)
         except CortshiftError as error:
-            return None, f'; no overlay: {error}'
+            return None, None, f'; no overlay: {error}'
         height, width, _ = picture.shape
         image = Image(height=height, width=width, encoding='bgr8', step=3 * width, data=picture.tobytes())
         image.header.stamp, image.header.frame_id = rospy.Time.from_sec(stage.stamp), stage.left_info.header.frame_id
-        self._overlays.publish(image)
-        return picture, ''
+        return image, picture, ''
 
     def _stages(self, request):
         """Key to StageInfo of the request's stages, those that there are. Raises ModelError where shift_tracker does not say them."""
-        keys = [key for key in (request.from_key, request.to_key) if key != MR_KEY]
         try:
             rospy.wait_for_service('shift_tracker/list_stages', timeout=2.0)
             stages = rospy.ServiceProxy('shift_tracker/list_stages', ListStages)().stages
         except (rospy.ROSException, rospy.ServiceException) as error:
             raise ModelError(f'shift_tracker does not answer ({error}), so the stages of the field cannot be checked; start it') from error
-        return {stage.key: stage for stage in stages if stage.key in keys}
+        return {stage.key: stage for stage in stages if stage.key in (request.from_key, request.to_key)}
+
+    def _resected(self):
+        """Volume of what was taken out until now, or None."""
+        path = rospy.get_param('~resected', '')   # may be set when the tissue is out
+        return load_marked(replace(self._source, path=str(path))) if path else None
 
     def _gravity(self):
         measured = gravity_of(read_points(self._values['case']))
         given = np.array(self._values['gravity'])
         if measured is not None or not given.any():
             return measured
-        return given / np.linalg.norm(given)
+        return direction_of(given, 'parameter gravity')
 
     def _locate(self, request):
         points = np.array([[p.x, p.y, p.z] for p in request.pmr]).reshape(-1, 3)
@@ -173,9 +195,9 @@ class BrainModelNode:
 
     def _report(self):
         while not rospy.is_shutdown():
-            level = DiagnosticStatus.OK if self._updated is not None else DiagnosticStatus.WARN
+            level = DiagnosticStatus.WARN if self._updated is None or self._refused else DiagnosticStatus.OK
             status = DiagnosticStatus(level=level, name='brain_model: state', hardware_id='brain_model', message=self._state,
-                                      values=[KeyValue('model', self._values['model'])])
+                                      values=[KeyValue('model', self._values['model']), KeyValue('locate answers from', self._located_from())])
             array = DiagnosticArray(status=[status])
             array.header.stamp = rospy.Time.now()
             self._diagnostics.publish(array)
