@@ -6,10 +6,10 @@ import model_head as head
 import numpy as np
 import pytest
 from cortshift_tracking.model import case_update
-from cortshift_tracking.model.brain import ModelError
+from cortshift_tracking.model.brain import ModelError, load_model
 from cortshift_tracking.model.case_update import check_epochs, direction_of, epochs_of, write_update
 from cortshift_tracking.model.mesh import distance_to
-from cortshift_tracking.model.prepare import ModelSettings, prepare_model, tissues_of
+from cortshift_tracking.model.prepare import ModelSettings, check_mask, prepare_model, tissues_of
 from cortshift_tracking.model.warp import Warp, labels_now
 from cortshift_tracking.mr.volume import Volume
 
@@ -35,6 +35,22 @@ def test_a_label_that_another_covers_whole_is_refused():
     places = mr.to_pmr(np.argwhere(np.ones(mr.data.shape)))
     with pytest.raises(ModelError, match=r'label "oedema" \(tumour.nii\) lies whole below label "tumour" .* take "oedema" out of "tumour"'):
         tissues_of(places, {'tumour': tumour, 'oedema': tumour})
+
+
+def test_a_mask_of_two_parts_is_refused():
+    _, brain, _ = head.volumes()
+    data = brain.data.copy()
+    data[data.shape[0] // 2 - 2:data.shape[0] // 2 + 2] = 0
+    with pytest.raises(ModelError, match='brain.nii: the brain mask has 2 parts .* a brain is one: correct the mask'):
+        check_mask(Volume(data, brain.T_pmr_voxel, 'RAS', 'brain.nii'))
+
+
+def test_a_damaged_file_is_refused(tmp_path):
+    (tmp_path / 'model.npz').write_bytes(b'PK\x03\x04 nothing')
+    with pytest.raises(ModelError, match='is no brain model, or is damaged'):
+        load_model(str(tmp_path / 'model.npz'))
+    with pytest.raises(ModelError, match='no such file; make it with prepare_model'):
+        load_model(str(tmp_path / 'none.npz'))
 
 
 def test_a_stage_that_is_not_there_has_an_epoch_that_is_not_known():
@@ -63,7 +79,7 @@ def test_the_distance_goes_on_beyond_the_grid():
 
 def test_a_craniotomy_beside_the_brain_is_refused():
     mr, brain, _ = head.volumes(step=0.003)
-    with pytest.raises(ModelError, match='the craniotomy lies 2[3-6] mm from the border of the brain'):
+    with pytest.raises(ModelError, match='the craniotomy lies 2[3-6] mm from the border of the brain; check the patient registration'):
         prepare_model(mr, brain, head.CRANIOTOMY * (1 + 0.025 / np.linalg.norm(head.CRANIOTOMY)))
 
 

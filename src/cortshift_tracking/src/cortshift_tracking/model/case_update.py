@@ -100,7 +100,7 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
         moved[hole] = volume.data.min()
         for name, label in labels.items():
             left[name], share[name] = left_of(label, resected)
-    warnings = [*(() if field.summary is None else field.summary.warnings), *result.warnings]
+    warnings = [*(f'MR: {text}' for text in volume.warnings), *(() if field.summary is None else field.summary.warnings), *result.warnings]
     if not field.brain and field.from_mr:   # whose vectors are none of bone
         warnings.append('a field from the MR does not say the outline of the exposed brain: the skull holds nothing within the model\'s craniotomy')
     elif not field.brain:
