@@ -136,6 +136,8 @@ def test_resected_tissue_is_out(made, updated):
     assert ((structure.was @ turn - head.TUMOUR) @ head.OUTWARD).max() < 0.004
     assert len(structure.whole[0]) == len(updated.structures[0].was)
     hole = half.mr.data[before & ~after]
+    known, gone = (located(model, half.update, tumour.to_pmr(voxels), *more)[2] for more in ((), (half.resected,)))
+    assert not gone[upper].any() and (gone[~upper] == known[~upper]).all() and known[~upper].mean() > 0.6
     assert np.median(hole) == mr.data.min() and updated.mr.data[before].min() > 60   # the tumour is bright
 
 

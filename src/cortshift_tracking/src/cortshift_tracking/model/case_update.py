@@ -26,7 +26,7 @@ PMR_FROM_NOW = 'pmr_from_now: at each point of now the vector to where its tissu
 
 @dataclass(frozen=True)
 class Updated:
-    """What came of it. summary: as in summary.json. structures: of the labels, in their order."""
+    """What came of it. summary: as in summary.json. structures: of the labels, in their order. resected: as it was given."""
     update: object
     mr: Volume
     labels: Volume
@@ -34,6 +34,7 @@ class Updated:
     pmr_from_now: object
     summary: dict
     structures: list
+    resected: object = None
 
 
 def check_mr(model, volume):
@@ -123,7 +124,7 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
                'warnings': warnings, 'model': model.provenance,
                'made_with': {'software': software_version(), 'field': asdict(field.provenance)}}
     return Updated(result, Volume(moved, volume.T_pmr_voxel, volume.axes, volume.source), labels_now(volume, pmr_from_now, labels, hole),
-                   now_from_pmr, pmr_from_now, summary, structures_of(model, result, now_from_pmr, labels, left))
+                   now_from_pmr, pmr_from_now, summary, structures_of(model, result, now_from_pmr, labels, left), resected)
 
 
 def _number(value):

@@ -190,7 +190,7 @@ class BrainModelNode:
         if updated is None or not len(points):
             nothing = float('nan')
             return LocateResponse([Point(nothing, nothing, nothing)] * len(points), [nothing] * len(points), [0] * len(points))
-        now, sd, known = located(self._model, updated.update, np.where(np.isfinite(points), points, 1e3))
+        now, sd, known = located(self._model, updated.update, np.where(np.isfinite(points), points, 1e3), updated.resected)
         return LocateResponse([Point(*place) for place in now], sd.tolist(), known.astype(np.uint8).tolist())
 
     def _report(self):

@@ -85,14 +85,19 @@ def _relaxed(vertices, quads, corner):
     return vertices
 
 
-def located(model, result, points):
-    """Where points (N, 3) of the MR are now, their standard deviation [m], and whether they are in the model."""
+def located(model, result, points, resected=None):
+    """Where points (N, 3) of the MR are now, their standard deviation [m], and whether they are in the model and not resected.
+
+    resected: Volume, > 0.5 where tissue has gone, which the elements show only as finely as they are; or None.
+    """
     tetrahedron, weights = model.places(points)
     known = tetrahedron >= 0
     nodes = model.mesh.tetrahedra[np.where(known, tetrahedron, 0)]
     now = points + np.einsum('nc,ncj->nj', weights, result.displacement[nodes])
     sd = (weights * result.sd[nodes]).sum(1)
     known &= ~result.resected[np.where(known, tetrahedron, 0)]
+    if resected is not None:
+        known &= ~(np.nan_to_num(resected.sample(points)) > 0.5)
     return np.where(known[:, None], now, np.nan), np.where(known, sd, np.nan), known
 
 
