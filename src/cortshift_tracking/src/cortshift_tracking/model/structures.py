@@ -1,10 +1,12 @@
 """Surfaces of the labelled structures: where they were in the MR, and where they are now."""
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_matrix, diags
 
-#: What a place is that several labels hold: what stands further on. Others stand behind the oedema, in the order of their names.
+from cortshift_tracking.mr.volume import Volume
+
+#: Where labels overlap: the oedema gives way to all others, these to those behind them, and other names to these, in the order of the alphabet.
 LEAST_FIRST, ABOVE = 'oedema', ('ventricles', 'falx', 'tentorium', 'tumour')
 RELAXED = 4   # times that each vertex goes to the middle of its neighbours, within its own cube of voxels
 
@@ -33,7 +35,7 @@ def left_of(label, resected):
     gone = np.nan_to_num(resected.sample(label.to_pmr(voxels))) > 0.5
     data = label.data.copy()
     data[tuple(voxels[gone].T)] = 0
-    return replace(label, data=data), float(gone.mean()) if len(gone) else 0.0
+    return Volume(data, label.T_pmr_voxel, label.axes, label.source), float(gone.mean()) if len(gone) else 0.0
 
 
 def border_of_label(label):

@@ -1,10 +1,9 @@
 """Volumes that mark a part of the MR: a brain mask, a label, what was resected. Above 0 is marked, whatever the number."""
-from dataclasses import replace
-
 import numpy as np
 
 from cortshift_tracking.errors import VolumeError
 from cortshift_tracking.mr.reader import load_volume
+from cortshift_tracking.mr.volume import Volume
 
 
 def load_marked(source, one_structure=False):
@@ -21,4 +20,4 @@ def load_marked(source, one_structure=False):
     if one_structure and len(values) > 1 and (values == np.round(values)).all():
         told = ', '.join(f'{value:g}' for value in values[:6]) + (' ...' if len(values) > 6 else '')
         raise VolumeError(f'{source.path}: numbers several structures ({told}); give a file for each, which is 0 everywhere else')
-    return replace(volume, data=marked.astype(np.float32), unknown=None)
+    return Volume(marked.astype(np.float32), volume.T_pmr_voxel, volume.axes, volume.source, volume.notes, warnings=volume.warnings)
