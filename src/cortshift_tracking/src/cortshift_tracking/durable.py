@@ -37,3 +37,10 @@ def write_durably(path, data):
     """Write `data` (bytes or str) to `path` as `replacing` does."""
     with replacing(path) as temporary, open(temporary, 'wb') as file:
         file.write(data.encode() if isinstance(data, str) else data)
+
+
+def removed_durably(path):
+    """Remove `path`, if it is there, so that it does not come back when the power goes."""
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(path)
+        _sync(os.path.dirname(os.path.abspath(path)))

@@ -1,9 +1,11 @@
 #!/usr/bin/python3
 """The node brain_model in a namespace, beside a shift_tracker that is played: updates, draws, answers where points are now, and refuses with its reason."""
 import os
+import re
 import subprocess
 import sys
 import tempfile
+import threading
 import unittest
 
 import cv2
@@ -13,6 +15,7 @@ import rospy
 import rostest
 from cortshift_msgs.msg import DisplacementField, ShiftSummary, StageInfo, UpdatedMr
 from cortshift_msgs.srv import ListStages, ListStagesResponse, Locate, UpdateModel
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -31,7 +34,7 @@ from synthetic_case import cloud, packed  # noqa: E402
 
 NS = '/or1'    # everything of the graph lies in it
 SIZE, FOCAL = (480, 640), 1800.0   # of the stage's picture [px]
-KEYS = {'first': 1, 'second': 1, 'third': 2}   # stage to epoch
+STAGES = {'first': (1, 1), 'second': (2, 1), 'third': (2, 2)}   # key to exposure [s] and epoch
 
 
 class BrainModelTest(unittest.TestCase):
@@ -42,6 +45,7 @@ class BrainModelTest(unittest.TestCase):
         path = os.path.join(cls.folder.name, 'mr.nii')
         mr, brain, tumour = head.volumes(step=0.003)
         save_nifti(mr, path)
+        save_nifti(tumour, os.path.join(cls.folder.name, 'tumour.nii'))
         points, frame = head.surface_grid()
         cls.frame = frame
         model = prepare_model(load_volume(path), brain, head.CRANIOTOMY, points[np.isfinite(points[..., 0])], {'tumour': tumour},
@@ -51,8 +55,10 @@ class BrainModelTest(unittest.TestCase):
         T[:3, :3], T[:3, 3] = frame, head.CRANIOTOMY
         cls.points, cls.moved = points, head.sag(points)
         cls.write_stage('second')
+        cls.stages = dict(STAGES)
         rospy.Service(f'{NS}/shift_tracker/list_stages', ListStages,
-                      lambda _: ListStagesResponse([StageInfo(key=key, epoch=epoch) for key, epoch in KEYS.items()]))
+                      lambda _: ListStagesResponse([StageInfo(key=key, stamp=rospy.Time(at), epoch=epoch)
+                                                    for key, (at, epoch) in cls.stages.items()]))
         cls.publisher = rospy.Publisher(f'{NS}/shift/field', DisplacementField, queue_size=5)
         cls.node = subprocess.Popen([sys.executable, os.path.join(HERE, '..', '..', 'scripts', 'brain_model'), f'_case:={cls.folder.name}',
                                      f'_model:={cls.folder.name}/model.npz', f'_gravity:={(-head.OUTWARD).tolist()}'],
@@ -61,13 +67,18 @@ class BrainModelTest(unittest.TestCase):
         cls.update = rospy.ServiceProxy(f'{NS}/brain_model/update', UpdateModel)
         cls.locate = rospy.ServiceProxy(f'{NS}/brain_model/locate', Locate)
         wait_until(lambda: cls.publisher.get_num_connections() > 0, 60, 'a connection of the node to shift/field')
+        cls.T_pmr_projection = T
         for to_key in ('second', 'third'):
-            summary = ShiftSummary(from_key='first', to_key=to_key)
-            summary.surround_correction.pose.orientation.w = 1.0   # none was taken out
-            valid = np.isfinite(points[..., 0])
-            field = Field('first', to_key, 1.0, 2.0, T, 0.0005, points, cls.moved, np.full(points.shape, 128, np.uint8),
-                          np.where(valid, 0.9, np.nan), None)
-            cls.publisher.publish(to_message(field, summary))
+            cls.publish(to_key, cls.moved)
+
+    @classmethod
+    def publish(cls, to_key, moved, at=2.0):
+        """Publish a field from first, exposed at 1 s, to a stage exposed at `at` [s]."""
+        summary = ShiftSummary(from_key='first', to_key=to_key)
+        summary.surround_correction.pose.orientation.w = 1.0   # none was taken out
+        field = Field('first', to_key, 1.0, at, cls.T_pmr_projection, 0.0005, cls.points, moved, np.full(cls.points.shape, 128, np.uint8),
+                      np.where(np.isfinite(cls.points[..., 0]), 0.9, np.nan), None)
+        cls.publisher.publish(to_message(field, summary))
 
     @classmethod
     def write_stage(cls, key):
@@ -112,6 +123,7 @@ class BrainModelTest(unittest.TestCase):
         answer = self.updated('second')
         self.assertTrue(answer.success, answer.message)
         self.assertIn('the field begins at stage "first"', answer.message)
+        self.assertIn('warning: no resected part was given: tissue that was taken out counts as there', answer.message)
         self.assertNotIn('no overlay', answer.message)
         files = os.listdir(os.path.join(self.folder.name, 'brain_model', 'first__second'))
         self.assertIn('updated_mr.nii.gz', files)
@@ -149,6 +161,46 @@ class BrainModelTest(unittest.TestCase):
         np.testing.assert_allclose(np.reshape(message.T_pmr_voxel, (4, 4)), volume.T_pmr_voxel, atol=1e-7)
         voxels = np.stack([np.frombuffer(s.data, '<f4').reshape(s.height, s.width).T for s in message.slices], -1)
         np.testing.assert_array_equal(voxels, volume.data)
+
+    def test_7_a_field_of_another_capture_is_refused_and_one_of_this_taken(self):
+        self.stages['second'] = (9, 1)   # deleted and captured again
+        answer = self.update('first', 'second')
+        self.assertFalse(answer.success)
+        self.assertIn('the field first -> second is of another capture of "second"; compute it again', answer.message)
+        threading.Timer(0.5, self.publish, ('second', 0.25 * self.moved, 9.0)).start()
+        answer = self.update('first', 'second')
+        self.assertTrue(answer.success, answer.message)
+
+    def test_8_a_field_on_its_way_replaces_the_older_one(self):
+        """compute_shift has answered, and its field arrives after the request."""
+        self.stages['second'] = (9, 1)
+        self.publish('second', 0.25 * self.moved, 9.0)
+        largest = []
+        for moved in (self.moved, 0.25 * self.moved):
+            threading.Timer(0.3, self.publish, ('second', moved, 9.0)).start()
+            answer = self.update('first', 'second')
+            self.assertTrue(answer.success, answer.message)
+            largest.append(float(re.search(r'largest displacement ([0-9.]+) mm', answer.message)[1]))
+        self.assertGreater(largest[0], 2 * largest[1])
+
+    def test_9_what_was_resected_is_a_hole_and_a_refusal_is_seen(self):
+        self.stages['second'] = (9, 1)
+        self.publish('second', self.moved, 9.0)
+        rospy.set_param(f'{NS}/brain_model/resected', os.path.join(self.folder.name, 'tumour.nii'))
+        answer = self.update('first', 'second')
+        self.assertTrue(answer.success, answer.message)
+        self.assertNotIn('no resected part', answer.message)
+        self.assertEqual(bytes(self.locate([Point(*head.TUMOUR)]).known), b'\0')
+        rospy.set_param(f'{NS}/brain_model/resected', os.path.join(self.folder.name, 'none.nii'))
+        answer = self.update('first', 'second')
+        self.assertFalse(answer.success)
+        self.assertRegex(answer.message, 'none.nii: no such file.*; ~locate answers from first -> second$')
+        said = []
+        subscriber = rospy.Subscriber('/diagnostics', DiagnosticArray, lambda message: said.extend(message.status))
+        wait_until(lambda: said, 60, 'diagnostics of brain_model')
+        subscriber.unregister()
+        self.assertEqual((said[-1].level, said[-1].values[-1].value), (DiagnosticStatus.WARN, 'first -> second'))
+        rospy.set_param(f'{NS}/brain_model/resected', '')
 
     def updated(self, to_key):
         """The answer to ~update once the field has come to the node."""

@@ -62,7 +62,8 @@ def test_the_updated_mr_of_a_case(folder):
     update(folder, out='out', status=0)
     summary = json.loads((folder / 'out/summary.json').read_text())
     assert summary['model']['stage'] == FROM and summary['model']['epoch'] == 1
-    assert [text for text in summary['warnings'] if 'the field begins at stage "dural_opening"' in text] == summary['warnings']
+    begins, resected = summary['warnings']
+    assert 'the field begins at stage "dural_opening"' in begins and 'no resected part was given' in resected
     assert {path.name for path in (folder / 'out').iterdir()} == {'updated_mr.nii.gz', 'labels_now.nii.gz', 'now_from_pmr.nrrd',
                                                                   'pmr_from_now.nrrd', 'summary.json'}
 

@@ -98,6 +98,13 @@ def test_the_picture_shows_both_in_their_colours(stage):
         assert covered.mean() > (0.9 if colour == NOW else 0.75)   # the later one is drawn over the earlier one
 
 
+def test_what_was_resected_is_drawn_as_it_was_alone(stage):
+    vertices, quads = border_of_label(ball((0, 0, 0), True))
+    nothing = np.zeros((0, 3))
+    shown = overlay([Structure('tumour', nothing, nothing, np.zeros(0), np.zeros((0, 4), int), (vertices, quads))], stage)[:700]
+    assert (shown == WAS).all(-1).sum() > 300 and not (shown == NOW).all(-1).any()
+
+
 def test_an_error_of_tracking_that_was_taken_out_moves_the_camera(stage):
     """A point that the field has at its true place is in the picture where the camera, tracked wrongly, saw it."""
     true_pose = stage.T_pmr_left

@@ -1,4 +1,5 @@
 """One judgement of a preoperative MR at both doors, register_mr and case_report: refused for the same reason, or taken."""
+import json
 import os
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from cortshift_tracking.case.folder import read_case
 from cortshift_tracking.errors import VolumeError
-from cortshift_tracking.mr.admission import MrSource, admit_mr
+from cortshift_tracking.mr.admission import MrSource, about_source, admit_mr, remembered_source
 from cortshift_tracking.report.case_report import make_report
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -80,6 +81,20 @@ def test_what_one_door_refuses_the_other_does(case, tmp_path, name):
     with pytest.raises(VolumeError) as at_report:
         make_report(str(case), MrSource(path))
     assert str(at_report.value) == str(refusal.value)
+
+
+def test_an_mr_is_remembered_with_how_it_was_meant(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / 'mr.nii', *ball())
+    about = json.loads(json.dumps(about_source(MrSource('mr.nii', 'LPS', 'qform', '77', True))))
+    monkeypatch.chdir('/')
+    assert remembered_source(about, '', '--mr') == MrSource(str(tmp_path / 'mr.nii'), 'LPS', 'qform', '77', True)
+    older = {'mr_source': str(tmp_path / 'mr.nii'), 'axes': 'RAS'}   # of a model of earlier versions
+    assert remembered_source(older, '', '--mr') == MrSource(str(tmp_path / 'mr.nii'))
+    os.remove(tmp_path / 'mr.nii')
+    with pytest.raises(VolumeError, match='mr.nii: the MR is not there any more; give it by parameter mr'):
+        remembered_source(about, '', 'parameter mr')
+    assert remembered_source(about, 'there.nii', '--mr').path == 'there.nii'
 
 
 def test_tools_refuse_in_the_same_words(case, tmp_path):

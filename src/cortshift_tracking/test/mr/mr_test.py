@@ -9,7 +9,9 @@ import pydicom
 import pytest
 from cortshift_tracking.errors import VolumeError
 from cortshift_tracking.mr import load_volume
+from cortshift_tracking.mr.admission import MrSource
 from cortshift_tracking.mr.dicom import load_dicom
+from cortshift_tracking.mr.marked import load_marked
 from cortshift_tracking.mr.nifti import load_nifti
 from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
@@ -39,6 +41,18 @@ def nifti(path, affine, data=None, sform=1, qform=1, unit='mm'):
     image.header.set_xyzt_units(unit)
     image.set_sform(affine, code=sform)
     image.set_qform(affine, code=qform)
+    nibabel.save(image, path)
+    return str(path)
+
+
+def contradicting(path):
+    """A file whose sform lies 3 mm beside its qform."""
+    image = nibabel.Nifti1Image(landmark_array(), None)
+    image.header.set_xyzt_units('mm')
+    moved = OBLIQUE.copy()
+    moved[0, 3] += 3
+    image.set_sform(moved, code=2)
+    image.set_qform(OBLIQUE, code=1)
     nibabel.save(image, path)
     return str(path)
 
@@ -217,6 +231,38 @@ def test_a_real_folder_with_most_slices_left_out(tmp_path):
         load_volume(real_ct_named_mr(tmp_path / 's', '77654033/CT2'))
 
 
+@pytest.mark.parametrize('value', [1, 255, 0.25])
+def test_what_marks_is_above_0_whatever_the_number(tmp_path, value):
+    """Between its voxels the border of a label lies half way, as of one that is stored as 1."""
+    data = np.zeros((30, 30, 20), np.float32)
+    data[10:20, 10:20, 5:15] = value
+    data[0, 0, 0] = np.nan
+    marked = load_marked(MrSource(nifti(tmp_path / 'a.nii', OBLIQUE, data)), one_structure=True)
+    assert marked.data.dtype == np.float32 and marked.data.sum() == 1000 and marked.data.max() == 1 and marked.data[0, 0, 0] == 0
+    at = marked.sample(marked.to_pmr([[9.4, 15, 10], [9.6, 15, 10]]))
+    assert at[0] < 0.5 < at[1]
+
+
+def test_a_label_file_of_several_structures_is_refused(tmp_path):
+    data = np.zeros((30, 30, 20), np.float32)
+    data[3:9, 3:9, 3:9], data[12:19, 3:9, 3:9] = 4, 43
+    source = MrSource(nifti(tmp_path / 'a.nii', OBLIQUE, data))
+    with pytest.raises(VolumeError, match=r'a.nii: numbers several structures \(4, 43\); give a file for each'):
+        load_marked(source, one_structure=True)
+    assert load_marked(source).data.sum() == 6 ** 3 + 7 * 6 * 6   # a brain mask may
+
+
+def test_the_form_of_the_mr_counts_for_a_mask_only_where_its_header_leaves_a_choice(tmp_path):
+    alone = nifti(tmp_path / 'alone.nii', OBLIQUE, qform=0)
+    assert (load_marked(MrSource(alone, form='qform')).T_pmr_voxel == load_nifti(alone).T_pmr_voxel).all()
+    agree = nifti(tmp_path / 'agree.nii', OBLIQUE)
+    assert (load_marked(MrSource(agree, form='qform')).T_pmr_voxel == load_nifti(agree).T_pmr_voxel).all()
+    both = contradicting(tmp_path / 'both.nii')
+    assert (load_marked(MrSource(both, form='qform')).T_pmr_voxel == load_nifti(both, form='qform').T_pmr_voxel).all()
+    with pytest.raises(VolumeError, match='3.0 mm apart'):
+        load_marked(MrSource(both))
+
+
 # ---- refusals
 
 def test_no_orientation_is_refused(tmp_path):
@@ -225,14 +271,7 @@ def test_no_orientation_is_refused(tmp_path):
 
 
 def test_disagreeing_forms_are_refused_until_one_is_named(tmp_path):
-    path = str(tmp_path / 'a.nii')
-    image = nibabel.Nifti1Image(landmark_array(), None)
-    image.header.set_xyzt_units('mm')
-    moved = OBLIQUE.copy()
-    moved[0, 3] += 3
-    image.set_sform(moved, code=2)
-    image.set_qform(OBLIQUE, code=1)
-    nibabel.save(image, path)
+    path = contradicting(tmp_path / 'a.nii')
     with pytest.raises(VolumeError, match='3.0 mm apart'):
         load_volume(path)
     gap = brightest(load_volume(path, form='sform')) - brightest(load_volume(path, form='qform'))

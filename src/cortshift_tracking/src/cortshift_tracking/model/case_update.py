@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 from scipy.ndimage import binary_erosion
 
-from cortshift_tracking.durable import write_durably
+from cortshift_tracking.case.messages import MR_KEY
+from cortshift_tracking.durable import removed_durably, write_durably
 from cortshift_tracking.model.brain import ModelError, identity_of
 from cortshift_tracking.model.overlay import overlay
-from cortshift_tracking.model.structures import located, structures_of
+from cortshift_tracking.model.structures import left_of, located, structures_of
 from cortshift_tracking.model.update import bin_field, update
-from cortshift_tracking.model.warp import labels_now, warped, warps_of, write_nrrd
+from cortshift_tracking.model.warp import hole_now, labels_now, warped, warps_of, write_nrrd
 from cortshift_tracking.mr.reader import save_nifti
 from cortshift_tracking.mr.volume import Volume
 from cortshift_tracking.poses import pose_matrix
@@ -25,7 +26,7 @@ PMR_FROM_NOW = 'pmr_from_now: at each point of now the vector to where its tissu
 
 @dataclass(frozen=True)
 class Updated:
-    """What came of it. summary: as in summary.json. structures: of the labels, in their order."""
+    """What came of it. summary: as in summary.json. structures: of the labels, in their order. resected: as it was given."""
     update: object
     mr: Volume
     labels: Volume
@@ -33,6 +34,7 @@ class Updated:
     pmr_from_now: object
     summary: dict
     structures: list
+    resected: object = None
 
 
 def check_mr(model, volume):
@@ -41,10 +43,26 @@ def check_mr(model, volume):
         raise ModelError(f'the model is of another MR ({model.provenance["mr_source"]}) than {volume.source}; prepare one of this MR')
 
 
+def direction_of(values, given_by):
+    """Unit vector of gravity given as three numbers. given_by: by which option, for people. Raises ModelError."""
+    values = np.array(values, float)
+    length = np.linalg.norm(values)
+    if not np.isfinite(length) or length == 0:
+        raise ModelError(f'{given_by} {" ".join(f"{value:g}" for value in values)}: is no direction; give that of gravity in pmr, such as 0 0 -1')
+    return values / length
+
+
+def epochs_of(field, stages):
+    """Key to epoch of the field's ends, 0 where there is no such stage. stages: that have a key and an epoch. The preoperative MR has none."""
+    known = {stage.key: stage.epoch for stage in stages}
+    return {key: known.get(key, 0) for key in (field.from_key, field.to_key) if key != MR_KEY}
+
+
 def check_epochs(model, epochs):
     """Raises ModelError where the stages of a field, key to epoch, are of several patient registrations, or not of the model's.
 
-    0: not known, as in stages of old versions. Beside a known one it may be another; where none is known, `update_case` warns.
+    0: not known, as in stages of old versions and of stages that are not there. Beside a known one it may be another; where none is
+    known, `update_case` warns.
     """
     known = dict(epochs)
     if model.provenance.get('epoch') is not None:   # of a model that was made of no stage there is none
@@ -56,16 +74,19 @@ def check_epochs(model, epochs):
 
 
 def update_case(model, volume, field, gravity, labels, resected=None, epochs=None):
-    """Updated of a Field. labels: name to Volume; resected: Volume, > 0.5 where tissue has gone, or None; gravity in pmr, or None."""
+    """Updated of a Field. labels: name to Volume; gravity in pmr, or None.
+
+    resected: Volume, > 0.5 where tissue has gone, or None. There the updated MR has its darkest value and no label is.
+    """
     began = time.monotonic()
     check_mr(model, volume)
     check_epochs(model, epochs or {})
     confidence = np.nan_to_num(field.confidence)
     # Bone and drape do not pull: the brain slides below them.
     start = np.where(((confidence > 0) & field.on_brain(field.start))[..., None], field.start, np.nan).reshape(-1, 3)
-    uncertainty = field.uncertainty
+    uncertainty, common = field.uncertainty, getattr(field.summary, 'common_sd', 0.0)
     pulls = bin_field(model, start, field.displacement.reshape(-1, 3), None if uncertainty is None else uncertainty.ravel(),
-                      common=float(np.nan_to_num(getattr(field.summary, 'common_sd', 0.0))))
+                      common=float(common) if np.isfinite(common) else 0.0)
     gone = np.zeros(len(model.tissue), bool)
     if resected is not None:
         gone = np.nan_to_num(resected.sample(model.mesh.nodes[model.mesh.tetrahedra].mean(1))) > 0.5
@@ -73,9 +94,14 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
             raise ModelError(f'{resected.source}: the resected part holds nothing of the brain; give a volume in the space of the MR')
     result = update(model, pulls, gravity, gone, exposed=field.in_opening)
     now_from_pmr, pmr_from_now = warps_of(model, result, volume)
-    moved = Volume(warped(volume, pmr_from_now), volume.T_pmr_voxel, volume.axes, volume.source)
-    now_labels = labels_now(model, volume, pmr_from_now, labels)
-    warnings = [*(() if field.summary is None else field.summary.warnings), *result.warnings]
+    moved, hole = warped(volume, pmr_from_now), None
+    left, share = dict(labels), {}
+    if resected is not None:
+        hole = hole_now(volume, pmr_from_now, resected)
+        moved[hole] = volume.data.min()
+        for name, label in labels.items():
+            left[name], share[name] = left_of(label, resected)
+    warnings = [*(f'MR: {text}' for text in volume.warnings), *(() if field.summary is None else field.summary.warnings), *result.warnings]
     if not field.brain and field.from_mr:   # whose vectors are none of bone
         warnings.append('a field from the MR does not say the outline of the exposed brain: the skull holds nothing within the model\'s craniotomy')
     elif not field.brain:
@@ -86,15 +112,19 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
         warnings.append(f'the field begins at stage "{field.from_key}": what the brain moved from the MR until then is not in it')
     if now_from_pmr.least_stretch() <= 0 or pmr_from_now.least_stretch() <= 0:
         warnings.append('the warp folds somewhere: the motion is too large or too uneven for the model')
+    if resected is None:
+        warnings.append('no resected part was given: tissue that was taken out counts as there')
     length = np.linalg.norm(result.displacement, axis=1) * 1000
     summary = {'from_key': field.from_key, 'to_key': field.to_key, 'seconds': round(time.monotonic() - began, 3),
                'drained_fraction': _number(result.drained), 'swelling': _number(result.swelling),
                'residual_at_surface_mm': _number(result.residual * 1000), 'largest_displacement_mm': _number(length.max()),
                'resected_mm3': _number(model.mesh.volumes[gone].sum() * 1e9), 'skull_patches_pressing': _number(result.pressing),
-               'labels': {name: {'value': number, **moved_label(model, result, label)} for number, (name, label) in enumerate(labels.items(), 1)},
+               'labels': {name: {'value': number, **moved_label(model, result, label), **({'resected': _number(share[name])} if share else {})}
+                          for number, (name, label) in enumerate(left.items(), 1)},
                'warnings': warnings, 'model': model.provenance,
                'made_with': {'software': software_version(), 'field': asdict(field.provenance)}}
-    return Updated(result, moved, now_labels, now_from_pmr, pmr_from_now, summary, structures_of(model, result, now_from_pmr, labels))
+    return Updated(result, Volume(moved, volume.T_pmr_voxel, volume.axes, volume.source), labels_now(volume, pmr_from_now, labels, hole),
+                   now_from_pmr, pmr_from_now, summary, structures_of(model, result, now_from_pmr, labels, left), resected)
 
 
 def _number(value):
@@ -124,12 +154,17 @@ def overlay_of(updated, field, stage):
 
 
 def write_update(updated, folder, picture=None):
-    """The files of the contract, each durably; picture: of overlay_of, to overlay.png."""
+    """The files of the contract, each durably; picture: of overlay_of, to overlay.png.
+
+    summary.json goes first and comes last: a folder that has one is whole, and of one update.
+    """
     os.makedirs(folder, exist_ok=True)
+    for name in ('summary.json', 'overlay.png'):
+        removed_durably(os.path.join(folder, name))
     save_nifti(updated.mr, os.path.join(folder, 'updated_mr.nii.gz'), level=1)
     save_nifti(updated.labels, os.path.join(folder, 'labels_now.nii.gz'), np.uint8, level=1)
     write_nrrd(updated.now_from_pmr, os.path.join(folder, 'now_from_pmr.nrrd'), NOW_FROM_PMR)
     write_nrrd(updated.pmr_from_now, os.path.join(folder, 'pmr_from_now.nrrd'), PMR_FROM_NOW)
-    write_durably(os.path.join(folder, 'summary.json'), json.dumps(updated.summary, indent=1) + '\n')
     if picture is not None:
         write_durably(os.path.join(folder, 'overlay.png'), cv2.imencode('.png', picture)[1].tobytes())
+    write_durably(os.path.join(folder, 'summary.json'), json.dumps(updated.summary, indent=1) + '\n')

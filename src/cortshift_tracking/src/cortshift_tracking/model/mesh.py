@@ -26,8 +26,11 @@ class Distance:
     step: float
 
     def at(self, points):
+        """Distance (...) at points (..., 3) in pmr. Beyond the grid: that at its nearest place, and the way from there."""
         index = (np.asarray(points) - self.origin) / self.step
-        return ndimage.map_coordinates(self.values, np.moveaxis(index, -1, 0), order=1, mode='nearest')
+        held = np.clip(index, 0, np.subtract(self.values.shape, 1))
+        inside = ndimage.map_coordinates(self.values, np.moveaxis(held, -1, 0), order=1, mode='nearest')
+        return inside + np.linalg.norm(index - held, axis=-1) * self.step
 
     def gradient(self, points):
         offsets = np.eye(3) * self.step

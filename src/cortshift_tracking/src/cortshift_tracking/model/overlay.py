@@ -50,12 +50,15 @@ def overlay(structures, stage, correction=None):
     camera = camera_of(stage, correction)
     picture = np.ascontiguousarray(stage.colour[..., ::-1])
     for structure in shown:
-        for points, colour in ((structure.was, WAS), (structure.now, NOW)):
-            lines = outlines(points, structure.quads, camera, picture.shape[:2])
+        whole = structure.whole or (structure.was, structure.quads)
+        for points, quads, colour in ((*whole, WAS), (structure.now, structure.quads, NOW)):
+            lines = outlines(points, quads, camera, picture.shape[:2])
             cv2.polylines(picture, [line.astype(np.int32) for line in lines], True, (0, 0, 0), 4, cv2.LINE_AA)
             cv2.polylines(picture, [line.astype(np.int32) for line in lines], True, colour, 2, cv2.LINE_AA)
-    deeper = [(structure.now - structure.was).mean(0) @ camera[2, :3] * 1000 for structure in shown]   # along the view nothing is seen of it
-    names = ', '.join(f'{structure.name} {depth:+.1f} mm' for structure, depth in zip(shown, deeper))
+    left = [structure for structure in shown if len(structure.quads)]
+    deeper = [(structure.now - structure.was).mean(0) @ camera[2, :3] * 1000 for structure in left]   # along the view nothing is seen of it
+    names = ', '.join([f'{structure.name} {depth:+.1f} mm' for structure, depth in zip(left, deeper)]
+                      + [f'{structure.name} resected' for structure in shown if not len(structure.quads)])
     _write(picture, [('in the MR', WAS), (' and ', (255, 255, 255)), ('now', NOW), (f'; farther from the camera: {names}', (255, 255, 255))])
     return picture
 

@@ -11,6 +11,7 @@ from cortshift_tracking.model.brain import BrainModel, ModelError, identity_of
 from cortshift_tracking.model.elasticity import MATERIALS, random_forces, stiffness, weights_of_nodes
 from cortshift_tracking.model.factor import factorise
 from cortshift_tracking.model.mesh import brain_mesh, distance_to
+from cortshift_tracking.model.structures import by_precedence
 from cortshift_tracking.mr.volume import AXES_FROM_RAS
 
 
@@ -44,15 +45,19 @@ def check_mask(mask):
 
 
 def tissues_of(middles, labels):
-    """Index of the tissue of each tetrahedron, and the names; 0 is brain. labels: name to Volume, > 0.5 inside."""
-    tissue, names = np.zeros(len(middles), np.uint8), ['brain']
-    for name, volume in labels.items():
-        names.append(name)
-        inside = np.nan_to_num(volume.sample(middles)) > 0.5
+    """Index of the tissue of each tetrahedron, and the names; 0 is brain. labels: name to Volume, > 0.5 inside; see by_precedence."""
+    tissue, names = np.zeros(len(middles), np.uint8), ('brain', *labels)
+    held = {name: np.nan_to_num(labels[name].sample(middles)) > 0.5 for name in by_precedence(labels)}
+    for name, inside in held.items():
         if not inside.any():
-            raise ModelError(f'label "{name}" ({volume.source}) holds no part of the brain; give the labels of this MR')
-        tissue[inside] = len(names) - 1
-    return tissue, tuple(names)
+            raise ModelError(f'label "{name}" ({labels[name].source}) holds no part of the brain; give the labels of this MR')
+        tissue[inside] = names.index(name)
+    for name, inside in held.items():
+        if not (tissue == names.index(name)).any():
+            above = names[np.bincount(tissue[inside]).argmax()]
+            raise ModelError(f'label "{name}" ({labels[name].source}) lies whole below label "{above}" ({labels[above].source}), which counts '
+                             f'where both are; take "{name}" out of "{above}", or leave one of them out')
+    return tissue, names
 
 
 def material_of(name):
@@ -132,6 +137,9 @@ def _zone(mesh, border, craniotomy, exposed, tissue, names, settings):
     else:
         open_ = cKDTree(exposed).query(mesh.nodes[border])[0] < settings.margin
     if open_.sum() < 10:
-        raise ModelError('the first surface lies nowhere on the border of the brain; check the patient registration and the mask')
+        if exposed is not None:
+            raise ModelError('the first surface lies nowhere on the border of the brain; check the patient registration and the mask')
+        raise ModelError(f'the border of the brain has only {open_.sum()} nodes within {settings.opening * 1000:g} mm of the craniotomy; check '
+                         'where it is said to be and the mask, or prepare more elements')
     tumour = np.unique(mesh.tetrahedra[tissue == names.index('tumour')]) if 'tumour' in names else np.zeros(0, int)
     return np.union1d(border[open_], tumour), border[~open_]

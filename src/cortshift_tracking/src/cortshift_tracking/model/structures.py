@@ -4,17 +4,38 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_matrix, diags
 
+from cortshift_tracking.mr.volume import Volume
+
+#: Where labels overlap: the oedema gives way to all others, these to those behind them, and other names to these, in the order of the alphabet.
+LEAST_FIRST, ABOVE = 'oedema', ('ventricles', 'falx', 'tentorium', 'tumour')
 RELAXED = 4   # times that each vertex goes to the middle of its neighbours, within its own cube of voxels
 
 
 @dataclass(frozen=True)
 class Structure:
-    """was, now (V, 3): its border in pmr [m]; sd (V,) [m] of now, NaN beside the model; quads (Q, 4): corners in order, seen from outside."""
+    """Of what is left of it. was, now (V, 3): its border in pmr [m]; sd (V,) [m] of now, NaN beside the model; quads (Q, 4): corners in order,
+    seen from outside. None of them where all of it was resected. whole: was and quads of it before the resection; (): nothing was taken out.
+    """
     name: str
     was: np.ndarray
     now: np.ndarray
     sd: np.ndarray
     quads: np.ndarray
+    whole: tuple = ()
+
+
+def by_precedence(names):
+    """Names of labels, those that others cover first. It is the same in whichever order they were given."""
+    return sorted(names, key=lambda name: (name != LEAST_FIRST, ABOVE.index(name) + 1 if name in ABOVE else 0, name))
+
+
+def left_of(label, resected):
+    """Volume of what is left of a label, and the share (0-1) of it that was resected. resected: Volume, > 0.5 where tissue has gone."""
+    voxels = np.argwhere(label.data > 0.5)
+    gone = np.nan_to_num(resected.sample(label.to_pmr(voxels))) > 0.5
+    data = label.data.copy()
+    data[tuple(voxels[gone].T)] = 0
+    return Volume(data, label.T_pmr_voxel, label.axes, label.source), float(gone.mean()) if len(gone) else 0.0
 
 
 def border_of_label(label):
@@ -66,24 +87,34 @@ def _relaxed(vertices, quads, corner):
     return vertices
 
 
-def located(model, result, points):
-    """Where points (N, 3) of the MR are now, their standard deviation [m], and whether they are in the model."""
+def located(model, result, points, resected=None):
+    """Where points (N, 3) of the MR are now, their standard deviation [m], and whether they are in the model and not resected.
+
+    resected: Volume, > 0.5 where tissue has gone, which the elements show only as finely as they are; or None.
+    """
     tetrahedron, weights = model.places(points)
     known = tetrahedron >= 0
     nodes = model.mesh.tetrahedra[np.where(known, tetrahedron, 0)]
     now = points + np.einsum('nc,ncj->nj', weights, result.displacement[nodes])
     sd = (weights * result.sd[nodes]).sum(1)
     known &= ~result.resected[np.where(known, tetrahedron, 0)]
+    if resected is not None:
+        known &= ~(np.nan_to_num(resected.sample(points)) > 0.5)
     return np.where(known[:, None], now, np.nan), np.where(known, sd, np.nan), known
 
 
-def structures_of(model, result, now_from_pmr, labels):
-    """Structure of each label that holds something. Vertices beside the model go with the warp, as the labels on the grid do."""
+def structures_of(model, result, now_from_pmr, labels, left):
+    """Structure of each label that holds something. Vertices beside the model go with the warp, as the labels on the grid do.
+
+    labels, left: name to Volume; as they were, and what is left of each.
+    """
     structures = []
     for name, label in labels.items():
-        was, quads = border_of_label(label)
-        if not len(quads):
+        whole = border_of_label(label)
+        if not len(whole[1]):
             continue
+        taken = left[name] is not label
+        was, quads = border_of_label(left[name]) if taken else whole
         now, sd, known = located(model, result, was)
-        structures.append(Structure(name, was, np.where(known[:, None], now, was + now_from_pmr.at(was)), sd, quads))
+        structures.append(Structure(name, was, np.where(known[:, None], now, was + now_from_pmr.at(was)), sd, quads, whole if taken else ()))
     return structures

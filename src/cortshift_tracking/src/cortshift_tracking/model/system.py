@@ -6,6 +6,7 @@ from scipy.sparse import coo_matrix, csc_matrix, hstack, identity, vstack
 from cortshift_tracking.model.elasticity import MATERIALS, gather, gradients, random_forces, smooth_noise, stiffness
 from cortshift_tracking.model.prepare import ModelSettings, patches_of
 
+AT_ONCE = 256   # right sides [columns of 3N], so that memory stays small
 DRAWN = (0.125, 0.375, 0.625, 0.875)   # quantiles of tau that stand for all
 
 
@@ -48,10 +49,13 @@ class Condensed:
             rows = (3 * known[:, None] + np.arange(3)).ravel()
             kept_by_dofs, inner = self.compliance[:, rows], self.compliance[np.ix_(rows, rows)]
         else:
-            unit = np.zeros((3 * len(model.mesh.nodes), len(dofs)))
-            unit[dofs, np.arange(len(dofs))] = 1
-            full = model.factor.solve(unit)
-            kept_by_dofs, inner = self.kept(full), full[dofs]
+            kept_by_dofs, inner = np.empty((len(self.compliance), len(dofs))), np.empty((len(dofs),) * 2)
+            for first in range(0, len(dofs), AT_ONCE):
+                part = slice(first, first + AT_ONCE)
+                unit = np.zeros((3 * len(model.mesh.nodes), len(dofs[part])))
+                unit[dofs[part], np.arange(unit.shape[1])] = 1
+                full = model.factor.solve(unit)
+                kept_by_dofs[:, part], inner[:, part] = self.kept(full), full[dofs]
         middle = solve(np.eye(len(dofs)) - gone @ inner, gone)
         self.compliance = self.compliance + kept_by_dofs @ middle @ kept_by_dofs.T
         self.correction = dofs, middle

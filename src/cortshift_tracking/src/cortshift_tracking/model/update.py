@@ -74,8 +74,8 @@ class Pulls:
 
 
 def bin_field(model, start, displacement, uncertainty, settings=UpdateSettings(), common=0.0):
-    """Pulls of a field: start, displacement (N, 3), uncertainty (N,) or None: root mean square length of the error [m];
-    common: of that part of it which all vectors share.
+    """Pulls of a field: start, displacement (N, 3), uncertainty (N,) or None: root mean square length of the error [m], not known
+    where it is not finite; common: of that part of it which all vectors share.
 
     Errors of neighbouring vectors are taken as common: a bin is no better than its vectors. Raises ModelError.
     """
@@ -83,7 +83,9 @@ def bin_field(model, start, displacement, uncertainty, settings=UpdateSettings()
     if valid.sum() < 30:
         raise ModelError(f'the field has only {int(valid.sum())} trusted vectors; compute it again between better stages')
     start, displacement = start[valid], displacement[valid]
-    sd = np.full(len(start), settings.unknown_sd) if uncertainty is None else np.nan_to_num(uncertainty[valid], nan=settings.unknown_sd)
+    sd = np.full(len(start), settings.unknown_sd)
+    if uncertainty is not None:
+        sd = np.where(np.isfinite(uncertainty[valid]), uncertainty[valid], sd)
     sd = np.maximum(np.sqrt(np.maximum(sd ** 2 - common ** 2, 0) / 3), settings.least_sd)
     in_zone = np.isin(model.mesh.border, model.zone).all(1)
     triangles = np.flatnonzero(in_zone)
@@ -128,6 +130,9 @@ def update(model, pulls, gravity=None, resected=None, settings=UpdateSettings(),
     gone = np.isin(model.mesh.border, np.setdiff1d(np.unique(model.mesh.tetrahedra[resected]),
                                                    np.unique(model.mesh.tetrahedra[~resected]))).any(1)
     used = ~gone[pulls.triangle]
+    if not used.any():
+        raise ModelError('every vector lies on tissue that was resected, so that none says how the rest moved; give the resected part as it is, '
+                         'or compute the field to a stage that shows brain beside it')
     corners = model.mesh.nodes[model.mesh.border[pulls.triangle]]
     outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)

@@ -7,6 +7,7 @@ from scipy import ndimage
 
 from cortshift_tracking.durable import write_durably
 from cortshift_tracking.errors import CortshiftError
+from cortshift_tracking.model.structures import by_precedence
 from cortshift_tracking.mr.volume import AXES_FROM_RAS, Volume
 
 STEP = 0.002          # of the grids of vectors [m]
@@ -153,13 +154,25 @@ def write_nrrd(warp, path, says):
     write_durably(path, ('\n'.join(header) + '\n\n').encode() + gzip.compress(data.tobytes(), 1))
 
 
-def labels_now(model, volume, pmr_from_now, labels):
-    """Volume of the labels as they are now: 1, 2 ... in the order of `labels` (name to Volume)."""
+def hole_now(volume, pmr_from_now, resected):
+    """Voxels (I, J, K) bool of the MR that are now where tissue was resected (Volume, > 0.5)."""
+    before = (np.nan_to_num(_on_grid_of(volume, resected)) > 0.5).astype(np.float32)
+    return warped(Volume(before, volume.T_pmr_voxel, volume.axes, volume.source), pmr_from_now, order=0) > 0.5
+
+
+def labels_now(volume, pmr_from_now, labels, hole):
+    """Volume of the labels as they are now: 1, 2 ... in the order of `labels` (name to Volume); where several are, by_precedence.
+
+    hole (I, J, K): of hole_now, where none is any more, or None.
+    """
     joined = np.zeros(volume.data.shape, np.float32)
-    for number, label in enumerate(labels.values(), 1):
-        joined[np.nan_to_num(_on_grid_of(volume, label)) > 0.5] = number
-    before = Volume(joined, volume.T_pmr_voxel, volume.axes, volume.source)
-    return Volume(warped(before, pmr_from_now, order=0), volume.T_pmr_voxel, volume.axes, volume.source)
+    numbers = {name: number for number, name in enumerate(labels, 1)}
+    for name in by_precedence(labels):
+        joined[np.nan_to_num(_on_grid_of(volume, labels[name])) > 0.5] = numbers[name]
+    now = warped(Volume(joined, volume.T_pmr_voxel, volume.axes, volume.source), pmr_from_now, order=0)
+    if hole is not None:
+        now[hole] = 0
+    return Volume(now, volume.T_pmr_voxel, volume.axes, volume.source)
 
 
 def _on_grid_of(volume, label):

@@ -1,5 +1,6 @@
 """The one judgement of a preoperative MR, for every tool that takes one: whether it is a head, of this patient's space, and shows what
 the surfaces show."""
+import os
 from dataclasses import dataclass
 from typing import Optional
 
@@ -29,6 +30,22 @@ def add_options(parser):
     parser.add_argument('--form', choices=('sform', 'qform'), help='of a NIfTI header that holds both and contradicts itself')
     parser.add_argument('--series', help='end of the SeriesInstanceUID, where a DICOM folder holds several')
     parser.add_argument('--template-space', action='store_true', help='the MR is in coordinates of a template, and that is meant')
+
+
+def about_source(source):
+    """What a result remembers of an MrSource; JSON."""
+    return {'mr_source': os.path.abspath(source.path), 'axes': source.axes, 'form': source.form, 'series': source.series,
+            'template_space': source.template_space}
+
+
+def remembered_source(about, path, given_by):
+    """MrSource of about_source's words, of which older results have only the first two. path: where the MR is now, '' where it was.
+
+    given_by: what path is given by, for people. Raises VolumeError where it is gone.
+    """
+    if not path and not os.path.exists(about['mr_source']):
+        raise VolumeError(f'{about["mr_source"]}: the MR is not there any more; give it by {given_by}')
+    return MrSource(path or about['mr_source'], about['axes'], about.get('form'), about.get('series'), about.get('template_space', False))
 
 
 def source_from(options, path):

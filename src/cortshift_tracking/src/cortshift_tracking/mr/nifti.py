@@ -19,10 +19,11 @@ FORM_TOLERANCE = 0.0005   # qform and sform may differ by this much anywhere in 
 EXTENT_RANGE = (0.02, 0.6)  # of a head volume's longest side [m]; outside, an unstated unit cannot be millimetres
 
 
-def load_nifti(path, axes='RAS', form=None, template_space=False):
+def load_nifti(path, axes='RAS', form=None, template_space=False, form_decides=True):
     """Load a 3D NIfTI-1 or NIfTI-2 file.
 
     form: 'sform' or 'qform'; needed only where the header holds both and they disagree.
+    form_decides: refuse a header that does not hold `form`. False: `form` is that of another file, and counts only where it is needed.
     template_space: take coordinates of an atlas, too. They are not those of the patient, and of another size.
     """
     try:
@@ -43,7 +44,7 @@ def load_nifti(path, axes='RAS', form=None, template_space=False):
         raise VolumeError(f'{path}: voxels of type {header.get_data_dtype()} are not intensities; export grey values')
     forms = _nifti_forms(path, header)
     scale, doubts = _nifti_unit(path, header, forms, shape)
-    name, affine, notes = _nifti_affine(path, header, forms, scale, form)
+    name, affine, notes = _nifti_affine(path, header, forms, scale, form, form_decides)
     doubts += _nifti_space(path, name, int(header[name + '_code']), template_space)
     try:
         data = np.asarray(image.dataobj, np.float32).reshape(shape[:3])
@@ -83,20 +84,23 @@ def _nifti_forms(path, header):
     return forms
 
 
-def _nifti_affine(path, header, forms, scale, form):
-    """Name of the form that counts, voxel to RAS [m], and notes. scale: metres per unit of the header."""
+def _nifti_affine(path, header, forms, scale, form, decides):
+    """Name of the form that counts, voxel to RAS [m], and notes. scale: metres per unit of the header. decides: see load_nifti."""
     forms = {name: np.diag([scale, scale, scale, 1]) @ matrix for name, matrix in forms.items()}
-    if form is not None:
-        if form not in ('sform', 'qform'):
-            raise VolumeError(f'form "{form}" is not known; use sform or qform')
-        if form not in forms:
-            raise VolumeError(f'{path}: the header has no {form}; it has {" and ".join(forms)}')
-        return form, forms[form], [f'orientation from the {form}, as asked']
+    if form not in (None, 'sform', 'qform'):
+        raise VolumeError(f'form "{form}" is not known; use sform or qform')
+    if decides and form is not None and form not in forms:
+        raise VolumeError(f'{path}: the header has no {form}; it has {" and ".join(forms)}')
+    asked = form, forms.get(form), [f'orientation from the {form}, as asked']
+    if decides and form is not None:
+        return asked
     if len(forms) == 2:
         shape = header.get_data_shape()[:3]
         corners = np.array([[i, j, k, 1] for i in (0, shape[0]) for j in (0, shape[1]) for k in (0, shape[2])], float)
         apart = np.linalg.norm((corners @ (forms['sform'] - forms['qform']).T)[:, :3], axis=1).max()
         if not apart <= FORM_TOLERANCE:
+            if form is not None:
+                return asked
             raise VolumeError(f'{path}: sform (code {int(header["sform_code"])}) and qform (code {int(header["qform_code"])}) '
                               f'place voxels up to {apart * 1000:.1f} mm apart; say which one the patient registration '
                               'used (--form sform or qform)')

@@ -12,10 +12,10 @@ from cortshift_tracking.mr.nifti import load_nifti
 from cortshift_tracking.mr.volume import AXES_FROM_RAS
 
 
-def load_volume(path, axes='RAS', form=None, series=None, template_space=False):
+def load_volume(path, axes='RAS', form=None, series=None, template_space=False, form_decides=True):
     """Load a NIfTI file (.nii, .nii.gz), a DICOM file, or a folder with one DICOM series.
 
-    axes: what the axes of pmr point to, 'RAS' or 'LPS'. form, template_space: see load_nifti. series: see load_dicom.
+    axes: what the axes of pmr point to, 'RAS' or 'LPS'. form, template_space, form_decides: see load_nifti. series: see load_dicom.
     Raises VolumeError naming the file and the remedy.
     """
     path = str(path)
@@ -24,7 +24,7 @@ def load_volume(path, axes='RAS', form=None, series=None, template_space=False):
     if not os.path.exists(path):
         raise VolumeError(f'{path}: no such file; give a NIfTI file or a folder with a DICOM series')
     if path.lower().endswith(('.nii', '.nii.gz')):
-        return load_nifti(path, axes, form, template_space)
+        return load_nifti(path, axes, form, template_space, form_decides)
     return load_dicom(path, axes, series)
 
 
