@@ -254,26 +254,28 @@ sensor_msgs::CameraInfo toCameraInfo(const CameraModel& camera, const std_msgs::
   return info;
 }
 
-void requireWhole(const sensor_msgs::Image& image) {
-  if (uint64_t{image.step} * image.height > image.data.size())
-    throw MessageError(std::to_string(image.data.size()) + " bytes of data are too few for " +
-                       std::to_string(image.height) + " rows of " + std::to_string(image.step));
-}
-
 cv::Mat bgrFromImage(const sensor_msgs::Image& image) {
+  const std::string name = "image " + std::to_string(image.width) + "x" + std::to_string(image.height) +
+                           " of encoding '" + image.encoding + "'";
+  cv_bridge::CvImagePtr pixels;
+  cv::Mat bgr;
   try {
     requireWhole(image);
-    return bgrFromCvImage(*cv_bridge::toCvCopy(image));
+    pixels = cv_bridge::toCvCopy(isSwapped(image) ? withBytesSwapped(image) : image);
+    bgr = bgrFromCvImage(*pixels);
   } catch (const std::exception& error) {  // cv_bridge throws its own types and OpenCV's
-    throw MessageError("image " + std::to_string(image.width) + "x" + std::to_string(image.height) + " of encoding '" +
-                       image.encoding + "' cannot be read (" + error.what() +
+    throw MessageError(name + " cannot be read (" + error.what() +
                        "); send bgr8, rgb8, mono8, mono16 or a Bayer encoding");
   }
+  requireByteOrder(pixels->image, pixels->encoding, name);
+  return bgr;
 }
 
 cv::Mat bgrFromImage(const sensor_msgs::CompressedImage& image) {
+  const std::string name = "compressed image of format '" + image.format + "'";
+  cv_bridge::CvImage decoded;
+  cv::Mat bgr;
   try {
-    cv_bridge::CvImage decoded;
     decoded.image = decodeImage(image.data, "its data");
     // The recorder's format reads "ENCODING; png compressed ..."; a Bayer pattern is stored as a grey image.
     const std::string recorded = image.format.substr(0, image.format.find(';'));
@@ -288,11 +290,13 @@ cv::Mat bgrFromImage(const sensor_msgs::CompressedImage& image) {
       default:
         decoded.encoding = "bgra" + depth;
     }
-    return bgrFromCvImage(decoded);
+    bgr = bgrFromCvImage(decoded);
   } catch (const std::exception& error) {
-    throw MessageError("compressed image of format '" + image.format + "', " + std::to_string(image.data.size()) +
-                       " bytes, cannot be decoded (" + error.what() + "); send png or jpeg");
+    throw MessageError(name + ", " + std::to_string(image.data.size()) + " bytes, cannot be decoded (" + error.what() +
+                       "); send png or jpeg");
   }
+  requireByteOrder(decoded.image, decoded.encoding, name);
+  return bgr;
 }
 
 stereo_msgs::DisparityImage toDisparityImage(const cv::Mat& disparity, const StereoModel& model,

@@ -86,6 +86,53 @@ TEST(BitDepth, ADarkBeginningIsNotCutOffAndGivesWayOnce) {
   EXPECT_LE(cv::norm(light, picture(), cv::NORM_INF), 1);
 }
 
+/// A picture of so many bits in which a few values say nothing of the light, of 307 200 pixels of one channel.
+cv::Mat withStrayPixels(int bits, int count, int value) {
+  cv::Mat image(480, 640, CV_8U);
+  cv::RNG(5).fill(image, cv::RNG::UNIFORM, 0, 256);
+  image = with(bits, image);
+  for (int i = 0; i < count; ++i) image.at<uint16_t>(0, i) = static_cast<uint16_t>(value);
+  return image;
+}
+
+TEST(BitDepth, HotPixelsAndACounterInTheFirstPixelsTellNothing) {
+  for (const int bits : {10, 12, 14})
+    for (const int declared : {0, bits})
+      for (const auto& [count, value] : {std::pair(1, 65535), std::pair(30, 65535), std::pair(30, 0xFFF0)}) {
+        SCOPED_TRACE(std::to_string(bits) + " bits, " + std::to_string(count) + " pixels of " + std::to_string(value));
+        BitDepth depth(declared);
+        cv::Mat left = withStrayPixels(bits, count, value), right = withStrayPixels(bits, 0, 0);
+        const cv::Mat clean = right.clone();
+        for (int pair = 0; pair < 2; ++pair) {  // in the left camera alone, then in both and in the next pair
+          depth.toEightBits(left, right);
+          EXPECT_EQ(depth.bits(), bits);
+          EXPECT_EQ(left.at<uchar>(0, 0), 255);
+          cv::Mat wanted;
+          clean.convertTo(wanted, CV_8U, 255.0 / ((1 << bits) - 1));
+          EXPECT_EQ(cv::norm(left.rowRange(1, 480), wanted.rowRange(1, 480), cv::NORM_INF), 0);
+          EXPECT_EQ(cv::norm(right.rowRange(1, 480), wanted.rowRange(1, 480), cv::NORM_INF), 0);
+          left = withStrayPixels(bits, count, value);
+          right = left.clone();
+        }
+      }
+}
+
+TEST(BitDepth, WhatIsMoreThanStrayCounts) {
+  BitDepth depth;
+  cv::Mat image = withStrayPixels(12, 31, 65535);  // 0.0101 % of the pixels
+  depth.toEightBits(image);
+  EXPECT_EQ(depth.bits(), 16);
+  EXPECT_NE(refusal(BitDepth(12), withStrayPixels(12, 31, 65535), withStrayPixels(12, 0, 0))
+                .find("image_bits is 12, but the largest value of the 16-bit images is 65535;"),
+            std::string::npos);
+}
+
+TEST(BitDepth, StrayPixelsDoNotMakeADarkImageLight) {
+  EXPECT_NE(refusal(BitDepth(), withStrayPixels(8, 3, 65535), withStrayPixels(8, 0, 0))
+                .find("at most 8 bits in 16-bit images (largest value 255, but for a few stray ones up to 65535)"),
+            std::string::npos);
+}
+
 TEST(BitDepth, WhatCannotBeToldOrContradictsIsRefusedByName) {
   EXPECT_NE(refusal(BitDepth(), with(16, picture(1)) / 2, with(16, picture(1)) / 2)
                 .find("at most 8 bits in 16-bit images (largest value 128)"),

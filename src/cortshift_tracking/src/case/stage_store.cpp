@@ -22,6 +22,8 @@ namespace {
 namespace fs = std::filesystem;
 
 const char* const kLockName = ".lock";
+/// A stage's, whole or damaged; other bags, such as a recording of /shift/field, are none of the store's business.
+const std::regex kNumber("^([0-9]{4,9})_");
 const std::regex kStageName(std::string("([0-9]{4,9})_(") + kKeyPattern + ")_([0-9a-f]{8})\\.bag");
 
 std::string stageName(unsigned number, const std::string& key, std::uint32_t crc) {
@@ -73,10 +75,15 @@ void StageStore::lockFolder() {
     return;
   }
   if (::flock(lock_, LOCK_EX | LOCK_NB) == 0) return;
+  const int failure = errno;
   ::close(lock_);
   lock_ = -1;
-  throw TrackingError("case folder " + folder_.string() +
-                      " is in use by another process; stop that one or set case_folder to another");
+  if (failure == EWOULDBLOCK)
+    throw TrackingError("case folder " + folder_.string() +
+                        " is in use by another process; stop that one or set case_folder to another");
+  // Some network and user-space file systems have no locks: a case there is better used than refused.
+  warnings_.push_back("that nobody else uses it cannot be made sure (" + std::string(std::strerror(failure)) +
+                      "): let no other process use it, or set case_folder to a folder of this machine's disk");
 }
 
 void StageStore::scan() {
@@ -90,11 +97,10 @@ void StageStore::scan() {
       std::smatch parts;
       const std::string name = file.path().filename().string();
       // Numbers are not used twice, so that the order of capture holds for what is restored by hand.
-      if (std::regex_search(name, parts, std::regex("^([0-9]{4,9})_")))
-        last_number_ = std::max(last_number_, static_cast<unsigned>(std::stoul(parts[1].str())));
-      // Other files of the case (digitised points, notes) are none of the store's business.
+      const bool numbered = std::regex_search(name, parts, kNumber);
+      if (numbered) last_number_ = std::max(last_number_, static_cast<unsigned>(std::stoul(parts[1].str())));
       const fs::path ending = file.path().extension();
-      if (*part == '\0' && (ending == ".bag" || ending == kPartialEnding)) files.push_back(file.path());
+      if (*part == '\0' && numbered && (ending == ".bag" || ending == kPartialEnding)) files.push_back(file.path());
     }
   }
   std::sort(files.begin(), files.end());

@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cstring>
 #include <fstream>
 #include <random>
 #include <set>
@@ -112,6 +113,38 @@ TEST_F(StageStoreTest, DeletedStagesStayOnDiskAndTheirNumberIsNotUsedAgain) {
   EXPECT_EQ(bags().at(1).filename().string().substr(0, 9), "0003_two_");
 }
 
+TEST_F(StageStoreTest, WhereTheFileSystemHasNoLocksACaseIsUsedWithAWarning) {
+  for (const int failure : {ENOLCK, EOPNOTSUPP, ENOSYS}) {
+    failing_disk::lock_failure = failure;
+    StageStore store(folder / std::to_string(failure));
+    failing_disk::lock_failure = 0;
+    store.add(sampleStage("one"));
+    EXPECT_EQ(store.warnings(),
+              std::vector<std::string>{"that nobody else uses it cannot be made sure (" +
+                                       std::string(std::strerror(failure)) +
+                                       "): let no other process use it, or set case_folder to a folder of this "
+                                       "machine's disk"});
+  }
+  failing_disk::lock_failure = EWOULDBLOCK;
+  const std::string used = refusal([&] { StageStore second(folder); });
+  failing_disk::lock_failure = 0;
+  EXPECT_NE(used.find(" is in use by another process; stop that one or set case_folder to another"), std::string::npos);
+}
+
+TEST_F(StageStoreTest, BagsThatAreNotNamedLikeStagesStayWhereTheyAre) {
+  fs::create_directories(folder);
+  const std::set<std::string> names = {"field.bag", "123_short.bag", "case_0001.bag", "0001-one.bag",
+                                       "1234567890_long.bag"};
+  for (const std::string& name : names) std::ofstream(folder / name) << "a recording of /shift/field";
+  StageStore store(folder);
+  EXPECT_TRUE(store.list().empty());
+  EXPECT_TRUE(store.setAside().empty());
+  EXPECT_TRUE(store.warnings().empty());
+  for (const std::string& name : names) EXPECT_TRUE(fs::exists(folder / name)) << name;
+  store.add(sampleStage("one"));
+  EXPECT_EQ(store.list().size(), 1U);
+}
+
 TEST_F(StageStoreTest, DamagedAndForeignBagsAreSetAsideAndNamed) {
   {
     StageStore store(folder);
@@ -126,7 +159,7 @@ TEST_F(StageStoreTest, DamagedAndForeignBagsAreSetAsideAndNamed) {
     file.put(byte);
   }
   fs::resize_file(files[2], 100000);
-  std::ofstream(folder / "recording.bag") << "no bag at all";
+  std::ofstream(folder / "0005_recording.bag") << "no bag at all";
   {  // another case's stage under a key that is taken
     StageStore other(folder / "other");
     other.add(sampleStage("whole", 4000));
@@ -146,9 +179,9 @@ TEST_F(StageStoreTest, DamagedAndForeignBagsAreSetAsideAndNamed) {
   for (const std::string& line : store.setAside()) all += line + "\n";
   EXPECT_NE(all.find(files[1].filename().string() + ": its content does not have the checksum"), std::string::npos);
   EXPECT_NE(all.find(files[2].filename().string()), std::string::npos);
-  EXPECT_NE(
-      all.find("recording.bag: its name is not that of a stage; it is set aside as " + (folder / "set_aside").string()),
-      std::string::npos)
+  EXPECT_NE(all.find("0005_recording.bag: its name is not that of a stage; it is set aside as " +
+                     (folder / "set_aside").string()),
+            std::string::npos)
       << all;
   EXPECT_NE(all.find("is that of"), std::string::npos);
   EXPECT_EQ(std::distance(fs::directory_iterator(folder / "set_aside"), {}), 4);

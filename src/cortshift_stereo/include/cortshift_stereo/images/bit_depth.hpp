@@ -10,10 +10,10 @@ namespace cortshift_stereo {
 /// Brings the pairs of one case to 8 bits, all by one scale.
 ///
 /// Cameras of 10, 12 and 14 bits put their values into the lower bits of 16. The depth is the smallest of 10, 12, 14
-/// and 16 bits that holds the largest value of both images and of every pair before: it may rise once when a dark
-/// beginning gives way to light, and never falls, so that pictures do not flicker. Values in the upper bits reach the
-/// top, and 16 is right for them. A dark image of more bits than it uses is taken for one of fewer: its values are
-/// scaled up and none is cut off, which changes brightness alone, and brightness is not measured with.
+/// and 16 bits that holds all but 0.01 % of the values (hot pixels, a counter in the first ones: they become white) of
+/// both images and of every pair before: it may rise once when a dark beginning gives way to light, and never falls, so
+/// that pictures do not flicker. Values in the upper bits reach the top, and 16 is right for them. A dark image passes
+/// for one of fewer bits: it is scaled up, which changes brightness alone, and brightness is not measured with.
 class BitDepth {
  public:
   /// @param declared  bits that the camera is known to use, 8 to 16; 0: recognised from the values

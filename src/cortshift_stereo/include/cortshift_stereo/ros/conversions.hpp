@@ -47,7 +47,7 @@ StereoModel stereoModelFromInfo(const sensor_msgs::CameraInfo& left, const senso
 sensor_msgs::CameraInfo toCameraInfo(const CameraModel& camera, const std_msgs::Header& header);
 
 /// Pixels as blue green red, CV_8UC3 or CV_16UC3 as the message has them (BitDepth brings pairs of 16 bits to 8); mono,
-/// RGB and Bayer encodings are converted. @throws MessageError naming encoding or size
+/// RGB, Bayer are converted. @throws MessageError naming encoding, size, or bytes not in the order is_bigendian says
 cv::Mat bgrFromImage(const sensor_msgs::Image& image);
 
 /// The same from png or jpeg data. @throws MessageError if the data cannot be decoded or ask for rotated pixels

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <yaml-cpp/yaml.h>
 
+#include <algorithm>
 #include <fstream>
 
 #include "cortshift_stereo/calibration/hand_eye/hand_eye_yaml.hpp"
@@ -15,7 +16,7 @@ const std::string kHeader = "image,x,y,z,qx,qy,qz,qw\n";
 
 std::string written(const ScratchFolder& folder, const std::string& text) {
   const std::string path = folder.file("poses.csv");
-  std::ofstream(path) << text;
+  std::ofstream(path, std::ios::binary) << text;
   return path;
 }
 
@@ -40,6 +41,58 @@ TEST(PoseTable, ReadsPosesInOrder) {
   EXPECT_EQ(poses[0].T_reference_microscope.translation(), cv::Vec3d(0.1, 0.2, 0.3));
   EXPECT_EQ(poses[1].image, "b 2.png");
   EXPECT_NEAR(poses[1].T_reference_microscope.rvec()[0], -2 * std::atan2(0.6, 0.8), 1e-12);
+}
+
+TEST(PoseTable, ReadsWhatSpreadsheetsAndPeopleWrite) {
+  const std::string columns = "image;x;y;z;qx;qy;qz;qw";
+  const auto with = [](std::string text, char separator) {
+    std::replace(text.begin(), text.end(), ';', separator);
+    return text;
+  };
+  const std::vector<std::pair<std::string, std::string>> tables = {
+      {"mark of UTF-8", "\xef\xbb\xbf" + kHeader + "a.png,0.1,-0.2,0.3,0,0,0.6,0.8\nb.png,1,2,3,0,0,0,1\n"},
+      {"decimal commas", columns + "\na.png;0,1;-0,2;0,3;0;0;0,6;0,8\nb.png;1;2;3;0;0;0;1\n"},
+      {"decimal points", columns + "\na.png;0.1;-0.2;0.3;0;0;0.6;0.8\nb.png;1;2;3;0;0;0;1\n"},
+      {"tabs", with(columns + "\na.png;0,1;-0,2;0,3;0;0;0.6;8e-1\nb.png;1;2;3;0;0;0;1\n", '\t')},
+      {"quoted",
+       "\"image\",\"x\",\"y\",\"z\",\"qx\",\"qy\",\"qz\",\"qw\"\n\"a.png\",\"0.1\",\"-0.2\", \"0.3\" "
+       ",0,0,0.6,0.8\n\"b.png\",1,2,3,0,0,0,\"1\"\n"},
+      {"blanks", "image, x, y, z, qx, qy, qz, qw\na.png, 0.1, -0.2, 0.3, 0, 0, 0.6, 0.8\nb.png, 1,2,3,0,0,0, 1\n"},
+      {"empty cells at the end",
+       "image,x,y,z,qx,qy,qz,qw,\na.png,0.1,-0.2,0.3,0,0,0.6,0.8,,\nb.png,1,2,3,0,0,0,1\n,,,,,,,\n"},
+      {"CR", "image,x,y,z,qx,qy,qz,qw\ra.png,0.1,-0.2,0.3,0,0,0.6,0.8\rb.png,1,2,3,0,0,0,1\r"},
+      {"sep=", "\xef\xbb\xbfsep=;\r\n" + columns + "\r\na.png;0,1;-0,2;0,3;0;0;0,6;0,8\r\nb.png;1;2;3;0;0;0;1"}};
+  const ScratchFolder folder;
+  for (const auto& [what, text] : tables) {
+    SCOPED_TRACE(what);
+    const auto poses = readPoseTable(written(folder, text));
+    ASSERT_EQ(poses.size(), 2U);
+    EXPECT_EQ(poses[0].image, "a.png");
+    EXPECT_EQ(poses[0].T_reference_microscope.translation(), cv::Vec3d(0.1, -0.2, 0.3));
+    EXPECT_NEAR(poses[0].T_reference_microscope.rvec()[2], 2 * std::atan2(0.6, 0.8), 1e-12);
+    EXPECT_EQ(poses[1].image, "b.png");
+    EXPECT_EQ(poses[1].T_reference_microscope.translation(), cv::Vec3d(1, 2, 3));
+  }
+  EXPECT_EQ(readPoseTable(written(folder, kHeader + "\"a, \"\"b\"\".png\",0,0,0,0,0,0,1\n"))[0].image, "a, \"b\".png");
+}
+
+TEST(PoseTable, RefusesWhatIsAmbiguousByLineAndRemedy) {
+  EXPECT_THAT(refusal(kHeader + "a,0,1,0,2,0,3,0,0,0,1\n"),
+              testing::HasSubstr("line 2: 11 columns; the 8 columns are image,x,y,z,qx,qy,qz,qw, separated as in the "
+                                 "header; numbers with decimal commas need semicolons or tabs between the columns"));
+  EXPECT_THAT(
+      refusal(kHeader + "a,\"0,1\",0,0,0,0,0,1\n"),
+      testing::HasSubstr("line 2: '0,1' in column 2 is not a finite number; correct it or remove the line; numbers "
+                         "with decimal commas need semicolons or tabs"));
+  EXPECT_THAT(refusal("image;x;y;z;qx;qy;qz;qw\na;1.234,5;0;0;0;0;0;1\n"), testing::HasSubstr("'1.234,5' in column 2"));
+  EXPECT_THAT(refusal(kHeader + "a;0;0;0;0;0;0;1\n"), testing::HasSubstr("line 2: 1 columns; the 8 columns are"));
+  EXPECT_THAT(refusal(kHeader + "\"a,0,0,0,0,0,0,1\n"),
+              testing::HasSubstr("line 2: a cell begins with a quotation mark"));
+  EXPECT_THAT(refusal(kHeader + "\"a\"b,0,0,0,0,0,0,1\n"), testing::HasSubstr("does not end with one; correct it"));
+  EXPECT_THAT(refusal("image,x,y,z,qx,qy,qz,qw\xc2\xa0\n"),
+              testing::HasSubstr("the header is 'image,x,y,z,qx,qy,qz,qw\\xc2\\xa0'"));
+  EXPECT_THAT(refusal(std::string("\xff\xfei\0m\0", 6)),
+              testing::HasSubstr("is not a text file in UTF-8; save it as CSV in UTF-8"));
 }
 
 TEST(PoseTable, RefusesFaultsByFileAndLine) {

@@ -30,10 +30,10 @@ struct StageRecord {
 
 /// Stages in order of capture. Thread-safe.
 ///
-/// A stage is NNNN_KEY_CRC.bag: number in the case, key, CRC-32 of the whole file. Files that were read and are
-/// damaged, or are not ours, are moved to `set_aside/` (where the folder may be written); deleted stages go to
-/// `deleted/`. A file that cannot be read just now stays where it is and keeps its key and its place in the order; it
-/// is read again when its stage is asked for. Nothing is ever overwritten; other files of the case are left alone.
+/// A stage is NNNN_KEY_CRC.bag: number in the case, key, CRC-32 of the whole file. Bags that are named so or nearly so
+/// (4 to 9 digits and _), were read and are damaged or none, are moved to `set_aside/` (where the folder may be
+/// written); deleted stages go to `deleted/`. A file that cannot be read just now stays where it is, keeps its key and
+/// place, and is read again when its stage is asked for. Nothing is ever overwritten; other files, bags too, stay.
 class StageStore {
  public:
   /// Opens or creates the folder and checks every stage in it.

@@ -10,6 +10,12 @@ namespace {
 
 const std::string kStatic = "/tf_static";
 
+/// [s] Of two publishers that say one static transform within this time, as at the start of a graph, none takes the
+/// other's place: both hold, and who reads the recording sees that they contradict. Later, one was published again by
+/// another node (a restarted static_transform_publisher has a new name) and is what holds now. Latched messages of
+/// publishers that were there before the recorder arrive within some hundredths of a second.
+constexpr double kTogether = 0.3;
+
 boost::shared_ptr<const topic_tools::ShapeShifter> shapeOf(const tf2_msgs::TFMessage& message) {
   auto shape = boost::make_shared<topic_tools::ShapeShifter>();
   using Traits = ros::message_traits::MD5Sum<tf2_msgs::TFMessage>;
@@ -28,6 +34,16 @@ HeldMessages::HeldMessages(std::set<std::string> always) : always_(std::move(alw
 
 void HeldMessages::hold(const Place& place, const Recorded& message) { held_[place] = {++count_, message}; }
 
+void HeldMessages::dropReplaced(const std::string& topic, const std::string& caller, const std::string& child,
+                                const ros::Time& time) {
+  for (auto entry = held_.begin(); entry != held_.end();) {
+    const auto& [its_topic, its_caller, its_child] = entry->first;
+    const bool replaced = its_topic == topic && its_child == child && its_caller != caller &&
+                          (time - entry->second.second.time).toSec() > kTogether;
+    entry = replaced ? held_.erase(entry) : std::next(entry);
+  }
+}
+
 void HeldMessages::keep(const Recorded& message) {
   const std::string caller = message.said("callerid");
   if (message.topic == kStatic && message.message->getDataType() == "tf2_msgs/TFMessage") {
@@ -37,6 +53,7 @@ void HeldMessages::keep(const Recorded& message) {
       tf2_msgs::TFMessage alone;
       alone.transforms.push_back(edge);
       one.message = shapeOf(alone);
+      dropReplaced(message.topic, caller, edge.child_frame_id, message.time);
       hold({message.topic, caller, edge.child_frame_id}, one);
     }
   } else if (message.said("latching") == "1" || always_.count(message.topic) > 0) {

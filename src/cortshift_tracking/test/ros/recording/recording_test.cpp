@@ -79,14 +79,32 @@ TEST(HeldMessages, LastOfEachLatchedTopic) {
   EXPECT_THAT(saidAt(held), testing::ElementsAre("/info info", "/settings new"));
 }
 
-TEST(HeldMessages, EveryStaticEdgeOfEveryPublisherAsItWasSaidLast) {
+TEST(HeldMessages, EveryStaticEdgeAsItWasSaidLast) {
   HeldMessages held;
   held.keep(edges(1, {{"reference", 1}, {"left_optical", 2}}, "/a"));
-  held.keep(edges(2, {{"reference", 3}}, "/b"));
   held.keep(edges(3, {{"right_optical", 4}}, "/a"));
   held.keep(edges(4, {{"reference", 5}}, "/a"));
-  EXPECT_THAT(saidAt(held),
-              testing::ElementsAre("/a left_optical 2", "/b reference 3", "/a right_optical 4", "/a reference 5"));
+  EXPECT_THAT(saidAt(held), testing::ElementsAre("/a left_optical 2", "/a right_optical 4", "/a reference 5"));
+}
+
+TEST(HeldMessages, AStaticEdgeThatAnotherNodePublishesAgainTakesThePlaceOfTheFormer) {
+  HeldMessages held;
+  held.keep(edges(1, {{"left_optical", 1}, {"right_optical", 2}}, "/static_transform_publisher_1"));
+  held.keep(edges(1.31, {{"left_optical", 3}}, "/static_transform_publisher_2"));
+  EXPECT_THAT(saidAt(held), testing::ElementsAre("/static_transform_publisher_1 right_optical 2",
+                                                 "/static_transform_publisher_2 left_optical 3"));
+  held.keep(edges(50, {{"left_optical", 4}}, "/static_transform_publisher_1"));
+  EXPECT_THAT(saidAt(held), testing::ElementsAre("/static_transform_publisher_1 right_optical 2",
+                                                 "/static_transform_publisher_1 left_optical 4"));
+}
+
+TEST(HeldMessages, TwoTruthsSaidTogetherBothStayVisible) {
+  HeldMessages held;
+  held.keep(edges(1, {{"reference", 1}}, "/a"));
+  held.keep(edges(1.29, {{"reference", 2}}, "/b"));
+  EXPECT_THAT(saidAt(held), testing::ElementsAre("/a reference 1", "/b reference 2"));
+  held.keep(edges(1.35, {{"reference", 1}}, "/a"));  // said again: both within the time of the other
+  EXPECT_THAT(saidAt(held), testing::ElementsAre("/b reference 2", "/a reference 1"));
 }
 
 Recorded numbered(std::uint32_t number, const std::string& caller = "/a", const std::string& topic = "/pose") {

@@ -14,6 +14,7 @@ namespace failing_disk {
 std::atomic<long> room{kUnlimited};
 std::atomic<bool> sync_works{true};
 std::atomic<int> read_failure{0};
+std::atomic<int> lock_failure{0};
 std::atomic<const char*> streams_that_fail{""};
 
 }  // namespace failing_disk
@@ -40,6 +41,12 @@ extern "C" int fsync(int descriptor) {
 extern "C" ssize_t read(int descriptor, void* bytes, size_t size) {
   if (read_failure == 0) return ::syscall(SYS_read, descriptor, bytes, size);
   errno = read_failure;
+  return -1;
+}
+
+extern "C" int flock(int descriptor, int operation) noexcept {
+  if (lock_failure == 0) return static_cast<int>(::syscall(SYS_flock, descriptor, operation));
+  errno = lock_failure;
   return -1;
 }
 
