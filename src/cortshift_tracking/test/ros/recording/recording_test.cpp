@@ -165,7 +165,8 @@ TEST_F(Parts, BeginWithWhatHoldsAndEndWithTheOldestGivenUp) {
     PartRecorder recorder(settings(2), HeldMessages());
     recorder.write(text("/settings", 1, "a"));
     recorder.write(edges(2, {{"reference", 1}}, "/a"));
-    recorder.write(edges(3, {{"reference", 2}}, "/b"));
+    recorder.write(edges(2.5, {{"left_optical", 2}}, "/former"));
+    recorder.write(edges(3, {{"left_optical", 2}}, "/b"));  // in the place of the former
     for (int second = 4; second < 45; second += 4) recorder.write(text("/image", second, "i", false));
     EXPECT_THAT(files(), testing::Contains("case_0003.bag.active"));
   }
