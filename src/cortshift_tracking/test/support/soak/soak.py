@@ -277,12 +277,15 @@ def main(arguments):
             folder = pathlib.Path(tempfile.mkdtemp(prefix='cortshift_soak.'))
             cleanup.callback(shutil.rmtree, folder, ignore_errors=True)
         lines, wrong = run(options, folder, cleanup)
+        text = '\n'.join(lines) + '\n'
+        print(text, flush=True)
+        if options.report:
+            pathlib.Path(options.report).write_text(text, encoding='utf-8')
         if options.output and (folder / 'case').is_mount():
-            shutil.copytree(folder / 'case', folder / 'case_kept')   # the disk goes with this process
-    text = '\n'.join(lines) + '\n'
-    print(text)
-    if options.report:
-        pathlib.Path(options.report).write_text(text, encoding='utf-8')
+            try:
+                shutil.copytree(folder / 'case', folder / 'case_kept')   # the disk goes with this process
+            except (OSError, shutil.Error) as error:
+                wrong.append(f'the case is not kept in {folder}: {str(error)[:200]}; give --output a folder on a larger disk')
     for line in wrong:
         print('WRONG:', line)
     print('failed' if wrong else 'passed')
