@@ -49,9 +49,7 @@ def contradicting(path):
     """A file whose sform lies 3 mm beside its qform."""
     image = nibabel.Nifti1Image(landmark_array(), None)
     image.header.set_xyzt_units('mm')
-    moved = OBLIQUE.copy()
-    moved[0, 3] += 3
-    image.set_sform(moved, code=2)
+    image.set_sform(OBLIQUE + 3 * np.eye(4, k=3), code=2)
     image.set_qform(OBLIQUE, code=1)
     nibabel.save(image, path)
     return str(path)
