@@ -86,7 +86,8 @@ Check checkOf(CheckId id) {
               "samples of every moving edge on either side within max_pose_gap; else refused", "max_pose_gap",
               kRigDoors};
     case CheckId::kPoseSources:
-      return {"pose_sources", "one edge of tf that is both fixed and moving, or has two parents",
+      return {"pose_sources",
+              "one edge of tf that is both fixed and moving, fixed twice, has two poses of one stamp, or two parents",
               "one source, or the same from both; else refused", "", kRigDoors};
     case CheckId::kPosePublishers:
       return {"pose_publishers", "samples of one edge around the exposure", "no two interleaved series; else refused",
@@ -115,7 +116,7 @@ Check checkOf(CheckId id) {
               "", "reconstruction, process_bag, validate_bag"};
     case CheckId::kTrackerClock:
       return {"tracker_clock", "stamps of a moving edge against when they came in, beside those of the pair",
-              "not ahead by more than " + number(ClockLimits::kTransport) + " s; else refused", "", "reconstruction"};
+              "not ahead by more than " + number(ClockLimits::kAhead) + " s; else refused", "", "reconstruction"};
     case CheckId::kAbsurdStamp:
       return {"absurd_stamp", "record time of a message against that of the others",
               "within the recording; else left out and said", "", "process_bag, validate_bag"};

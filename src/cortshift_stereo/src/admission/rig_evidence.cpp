@@ -52,7 +52,7 @@ Findings checkTrackerClock(const std::string& edge, std::vector<double> lags, do
   Findings found;
   const auto middle = lags.begin() + static_cast<std::ptrdiff_t>(lags.size() / 2);
   std::nth_element(lags.begin(), middle, lags.end());
-  if (*middle >= std::min(0.0, pair_lag) - ClockLimits::kTransport) return found;
+  if (*middle >= std::min(0.0, pair_lag) - ClockLimits::kAhead) return found;
   char text[120];
   std::snprintf(text, sizeof text, "come in %.3f s before the time that they are stamped with", -*middle);
   found.refuse(CheckId::kTrackerClock, "The samples of " + edge, text,

@@ -43,19 +43,23 @@ TransformTree::Sample TransformTree::makeSample(const std::string& parent, const
 void TransformTree::addFixed(const std::string& parent, const std::string& child, const Eigen::Vector3d& translation,
                              const Eigen::Quaterniond& rotation, std::optional<double> when) {
   constexpr double kAtOnce = 0.3;  // [s] latched messages of several publishers come together
+  constexpr double kInTurn = 10;   // [s] one of two publishers says all of its edges again whenever it has another one
+  constexpr std::size_t kSaid = 20;
   Edge& edge = edges_[child];
   const Sample fixed = makeSample(parent, translation, rotation);
+  const auto earlier =
+      std::find_if(edge.said.begin(), edge.said.end(), [&](const Said& said) { return samePose(said.pose, fixed); });
   if (!edge.fixed || !samePose(*edge.fixed, fixed)) {
-    // Calibrated anew it says what it never said. What returns to an earlier pose has two publishers: one of them says
-    // all of its edges again whenever it has another one.
-    const bool again = std::any_of(edge.said.begin(), edge.said.end(),
-                                   [&](const Sample& earlier) { return samePose(earlier, fixed); });
     const bool at_once = edge.fixed && when && edge.fixed_since && std::abs(*when - *edge.fixed_since) < kAtOnce;
-    edge.contradicted = again || at_once;
-    if (!again) edge.said.push_back(fixed);
+    const bool in_turn =
+        earlier != edge.said.end() && when && earlier->last && std::abs(*when - *earlier->last) < kInTurn;
+    edge.contradicted = at_once || in_turn;
     edge.fixed = fixed;
+    edge.fixed_since = when;
   }
-  edge.fixed_since = when;
+  if (earlier != edge.said.end()) edge.said.erase(earlier);
+  edge.said.push_back({fixed, when});
+  if (edge.said.size() > kSaid) edge.said.pop_front();
 }
 
 void TransformTree::addSample(const std::string& parent, const std::string& child, int64_t stamp_ns,
@@ -69,7 +73,11 @@ void TransformTree::addSample(const std::string& parent, const std::string& chil
 }
 
 void TransformTree::forgetSamples() {
-  for (auto& [child, edge] : edges_) edge.samples.clear();
+  for (auto& [child, edge] : edges_) {
+    edge.samples.clear();
+    edge.said.clear();  // times before and after are not of one clock
+    edge.fixed_since.reset();
+  }
 }
 
 const std::string* TransformTree::parentOf(const std::string& frame) const {

@@ -84,8 +84,15 @@ def test_only_the_stored_bits_count(tmp_path, signed, high, raw_value, value, st
         dataset.BitsStored, dataset.HighBit, dataset.PixelRepresentation = 12, high, signed
         if n == 2:
             dataset.PixelData = np.full(SIZE * SIZE, raw_value, '<u2').tobytes()
+            if stray and declared:
+                dataset.add_new((0x6000, 0x0102), 'US', 15)
         else:
             dataset.PixelData = (voxels()[n].astype('<u2') << high - 11).tobytes()
+    declared = False
+    if stray:
+        with pytest.raises(VolumeError, match='02.dcm: values need more bits than its BitsStored 12 says, and no overlay lies in them; export the'):
+            load_volume(series(tmp_path / 'undeclared', change))
+    declared = True
     volume = load_volume(series(tmp_path / 's', change))
     assert (volume.data[..., 2] == value).all() and np.array_equal(volume.data[..., 1], voxels()[1].T)
     assert volume.warnings == (('bits outside BitsStored are set and left out (an overlay?): 02.dcm',) if stray else ())

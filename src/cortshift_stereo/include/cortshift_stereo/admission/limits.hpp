@@ -18,6 +18,7 @@ struct PoseLimits {
 struct ClockLimits {
   static constexpr double kTransport = 0.25;   ///< [s] from an exposure to its record: read-out, network, disk
   static constexpr double kLive = 2.0;         ///< [s] the same in a running graph, where a simulated camera renders
+  static constexpr double kAhead = 0.5;        ///< [s] that two clocks may be apart and images take, together
   static constexpr double kRecording = 86400;  ///< [s] no recording lasts longer
 };
 

@@ -3,6 +3,7 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <optional>
 #include <stdexcept>
@@ -20,7 +21,7 @@ class PoseError : public std::runtime_error {
     kGapBefore,     ///< the nearest sample before the instant is too far away, or there is none
     kGapAfter,      ///< the same after it
     kNotRigid,      ///< a sample beside the instant is not a finite rigid transform
-    kTwoSources     ///< an edge is fixed and moving, and the two contradict each other
+    kTwoSources     ///< two poses of an edge contradict each other: fixed and moving, fixed twice, or of one stamp
   };
 
   PoseError(Reason reason, bool may_heal, const std::string& message)
@@ -59,8 +60,8 @@ class TransformTree {
   /// @param history       [s] > 0: how long samples are kept behind the newest of their edge
   TransformTree(double max_pose_gap, double history);
 
-  /// T_parent_child that holds at all times; a later one replaces it. Two different ones at once are two
-  /// publishers, of which none is believed until one has spoken again.
+  /// T_parent_child that holds at all times; a later one replaces it. Two different ones at once, or one that returns
+  /// soon after another had replaced it, are two publishers, of which none is believed until another pose comes.
   /// @param when  [s] on any steady clock; nothing: not known
   /// `rotation` need not be normalised; beyond 0.1 % it is taken as broken.
   void addFixed(const std::string& parent, const std::string& child, const Eigen::Vector3d& translation,
@@ -91,10 +92,14 @@ class TransformTree {
     bool rigid;
     bool contradicted;  // another pose of this stamp came
   };
+  struct Said {
+    Sample pose;
+    std::optional<double> last;  // [s]
+  };
   struct Edge {
     std::optional<Sample> fixed;
     std::optional<double> fixed_since;  // [s]
-    std::vector<Sample> said;           // each pose that was fixed, once
+    std::deque<Said> said;              // each pose that was fixed, once
     bool contradicted = false;          // fixed is one of two
     std::map<int64_t, Sample> samples;
   };

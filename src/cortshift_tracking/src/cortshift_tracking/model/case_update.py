@@ -67,6 +67,10 @@ def check_epochs(model, epochs):
     known = dict(epochs)
     if model.provenance.get('epoch') is not None:   # of a model that was made of no stage there is none
         known['of the model'] = model.provenance['epoch']
+    unknown = [key for key, epoch in epochs.items() if not epoch]
+    if unknown and any(known.values()):
+        raise ModelError(f'the epoch of {" and ".join(unknown)} is not known (the stage is not in the case any more, or is of an old version), so '
+                         'that the patient registration may have changed; compute the field between stages that are there')
     if len(set(known.values())) > 1:
         told = ', '.join(f'{key}: {epoch or "not known"}' for key, epoch in known.items())
         raise ModelError(f'patient registration or calibration changed between them (epochs {told}); capture both stages in one epoch, and '
@@ -101,7 +105,8 @@ def update_case(model, volume, field, gravity, labels, resected=None, epochs=Non
         moved[hole] = volume.data.min()
         for name, label in labels.items():
             left[name], share[name] = left_of(label, resected)
-    warnings = [*(f'MR: {text}' for text in volume.warnings), *(() if field.summary is None else field.summary.warnings), *result.warnings]
+    warnings = [*(f'MR: {text}' for text in volume.warnings), *(f'resected: {text}' for text in (resected.warnings if resected else ())),
+                *(() if field.summary is None else field.summary.warnings), *result.warnings]
     if not field.brain and field.from_mr:   # whose vectors are none of bone
         warnings.append('a field from the MR does not say the outline of the exposed brain: the skull holds nothing within the model\'s craniotomy')
     elif not field.brain:

@@ -47,12 +47,12 @@ def updated_mr_message(mr, structures, field):
         message.slices.append(Image(header=header, height=rows, width=columns, encoding='32FC1', step=4 * columns,
                                     data=np.ascontiguousarray(values.T, '<f4').tobytes()))
     for structure in structures:
-        if not len(structure.quads):   # resected
-            continue
         data = np.concatenate([structure.was, structure.now - structure.was], 1).astype('<f4')
         cloud = PointCloud2(header=header, height=1, width=len(data), point_step=4 * len(BORDER_FIELDS), row_step=4 * len(BORDER_FIELDS) * len(data),
                             data=data.tobytes(), is_dense=True)
         cloud.fields = [PointField(name, 4 * n, PointField.FLOAT32, 1) for n, name in enumerate(BORDER_FIELDS)]
+        if not len(structure.quads):   # resected: sent as empty, so that its border of before is not shown any more
+            cloud.data, cloud.width, cloud.row_step = b'', 0, 0
         message.labels.append(MovedLabel(name=structure.name, border=cloud, quads=structure.quads.ravel().tolist()))
     return message
 
@@ -123,17 +123,18 @@ class BrainModelNode:
                 folder = self._values['output'] or os.path.join(self._values['case'], 'brain_model')
                 folder = os.path.join(folder, f'{request.from_key}__{request.to_key}')
                 image, picture, why = self._overlay(updated, field)
+                message = updated_mr_message(updated.mr, updated.structures, field)
                 write_update(updated, folder, picture)
                 self._updated, self._refused = updated, False
                 if image is not None:
                     self._overlays.publish(image)
-                self._updates.publish(updated_mr_message(updated.mr, updated.structures, field))
+                self._updates.publish(message)
         except (CortshiftError, OSError) as error:
             return self._not_updated(name, error, began)
         except MemoryError:
             return self._not_updated(name, 'not enough memory; close other programs, or prepare a model of fewer elements', began)
-        except (ValueError, np.linalg.LinAlgError) as error:
-            return self._not_updated(name, f'the update could not be computed ({error}); compute the field again, and report the case', began)
+        except Exception as error:   # of whatever library: the caller and the diagnostics hear of it  # pylint: disable=broad-except
+            return self._not_updated(name, f'the update could not be computed ({error!r}); compute the field again, and report the case', began)
         warnings = ''.join(f'; warning: {text}' for text in updated.summary['warnings'])
         self._state = f'{name} updated, largest displacement {updated.summary["largest_displacement_mm"]:.1f} mm, files in {folder}{warnings}{why}'
         rospy.loginfo(self._state)

@@ -53,7 +53,7 @@ def tissues_of(middles, labels):
             raise ModelError(f'label "{name}" ({labels[name].source}) holds no part of the brain; give the labels of this MR')
         tissue[inside] = names.index(name)
     for name, inside in held.items():
-        if not (tissue == names.index(name)).any():
+        if name in (*MATERIALS, 'oedema') and not (tissue == names.index(name)).any():   # others are only followed
             above = names[np.bincount(tissue[inside]).argmax()]
             raise ModelError(f'label "{name}" ({labels[name].source}) lies whole below label "{above}" ({labels[above].source}), which counts '
                              f'where both are; take "{name}" out of "{above}", or leave one of them out')

@@ -45,7 +45,8 @@ def remembered_source(about, path, given_by):
     """
     if not path and not os.path.exists(about['mr_source']):
         raise VolumeError(f'{about["mr_source"]}: the MR is not there any more; give it by {given_by}')
-    return MrSource(path or about['mr_source'], about['axes'], about.get('form'), about.get('series'), about.get('template_space', False))
+    series = None if path else about.get('series')   # another copy may have another UID
+    return MrSource(path or about['mr_source'], about['axes'], about.get('form'), series, about.get('template_space', False))
 
 
 def source_from(options, path):

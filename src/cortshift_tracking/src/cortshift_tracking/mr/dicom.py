@@ -21,7 +21,8 @@ GEOMETRY_TOLERANCE = 1e-4
 SAME_WORDS = ('ImageType', 'PhotometricInterpretation', 'Modality', 'FrameOfReferenceUID', 'ComplexImageComponent', 'SequenceName',
               'ContrastBolusAgent', 'PatientID')
 SAME_NUMBERS = ('EchoTime', 'EchoNumbers', 'InversionTime', 'FlipAngle', 'TemporalPositionIdentifier', 'DiffusionBValue')
-SAME_ABOUT = {'RepetitionTime': 0.01}  # as far as scanners round and time: the share by which numbers of one image may lie apart
+SAME_ABOUT = {'RepetitionTime': 0.1}  # as far as scanners round and time: the share by which numbers of one image may lie apart
+FREE = ('SequenceName', 'ContrastBolusAgent')  # typed by people or left out: case, blanks and absence tell nothing
 PRIVATE = ('PatientID',)  # never shown
 UNSAID = ('', 'OT')  # Modality where a program did not know better: may be an MR
 DECODED = ('1.2.840.10008.1.2.4.',)  # beginning of the syntaxes whose decoders give the stored bits alone
@@ -208,7 +209,15 @@ class Slice:
         whole = (1 << allocated) - 1
         kept = [(known << high + 1 - stored) & whole for known in (field, values)]  # without, and with an extended sign
         self.stray = bool(((bits & whole != kept[0]) & (bits & whole != kept[1])).any())
+        if self.stray and not self._overlaid():
+            raise VolumeError(f'{self.file}: values need more bits than its BitsStored {stored} says, and no overlay lies in them; export the '
+                              'original series')
         return values
+
+    def _overlaid(self):
+        """Whether an overlay lies in the bits of the pixels (PS3.3 C.9.2: OverlayBitPosition; retired, and still met)."""
+        return any(group & 0xff00 == 0x6000 and element == 0x0102 and self._dataset[group, element].value
+                   for group, element in ((tag.group, tag.element) for tag in self._dataset.keys()))
 
     def _transfer_syntax(self):
         return getattr(getattr(self._dataset, 'file_meta', None), 'TransferSyntaxUID', None)
@@ -239,11 +248,13 @@ def _check_alike(path, members):
                 raise VolumeError(f'{path}: {key} of {slice_.name} differs from that of {first.name}: not one stack of parallel '
                                   'slices (a localiser or rotated projections?); choose another series')
     for key in SAME_WORDS:
-        _check_one_kind(path, key, [(slice_.text(key), slice_.name) for slice_ in members])
+        told = [(' '.join(slice_.text(key).casefold().split()) if key in FREE else slice_.text(key), slice_.name) for slice_ in members]
+        _check_one_kind(path, key, [(text, name) for text, name in told if text or key not in FREE])
     for key in SAME_NUMBERS:
         _check_one_kind(path, key, [(slice_.rounded(key), slice_.name) for slice_ in members])
     for key, share in SAME_ABOUT.items():
-        _check_one_kind(path, key, [(value, slice_.name) for value, slice_ in zip(_grouped(members, key, share), members)])
+        grouped = zip(_grouped(members, key, share), members)
+        _check_one_kind(path, key, [(value, slice_.name) for value, slice_ in grouped if value])   # where it is absent nothing is known
     for key in ('RescaleSlope', 'RescaleIntercept'):
         _check_one_kind(path, key, [('' if slice_.number(key) is None else 'a number', slice_.name) for slice_ in members])
 

@@ -133,6 +133,8 @@ Eigen::Matrix4d voxelMatrix(const cortshift_msgs::UpdatedMr& mr, const LinkSpace
 }
 
 LinkMesh meshOfLabel(const cortshift_msgs::MovedLabel& label, const LinkSpace& space) {
+  if (label.quads.empty() && label.border.data.empty())
+    return {};  // taken out: an empty mesh takes the place of the last
   const PointGrid grid = gridFromCloud(label.border);
   if (grid.displacements_pmr.empty() || label.quads.size() % 4 != 0)
     throw std::invalid_argument("label '" + label.name + "' says no displacement, or corners that are no quads");
