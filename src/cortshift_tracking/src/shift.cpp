@@ -33,10 +33,16 @@ std::string gridOf(const ProjectionFrame& frame) {
 
 /// @throws TrackingError if a region touches no point of the grid: it was drawn on something else, or not in metres
 cv::Mat excludedOn(const ProjectionFrame& frame, const std::vector<Region>& regions) {
-  for (const Region& region : regions)
-    if (cv::countNonZero(excludedMask(frame, {region})) == 0)
-      throw TrackingError("an excluded region lies nowhere on the earlier stage; give its corners in " + gridOf(frame));
-  return excludedMask(frame, regions);
+  cv::Mat all = excludedMask(frame, {});
+  for (std::size_t i = 0; i < regions.size(); ++i) {
+    const cv::Mat mask = excludedMask(frame, {regions[i]});
+    if (cv::countNonZero(mask) == 0)
+      throw TrackingError("excluded region " + std::to_string(i + 1) + " of " + std::to_string(regions.size()) +
+                          " lies nowhere on the earlier stage; give the regions again with exclude_regions, in " +
+                          gridOf(frame));
+    all |= mask;
+  }
+  return all;
 }
 
 /// @throws TrackingError if next to nothing of the surface is within: all of it would count as what does not move

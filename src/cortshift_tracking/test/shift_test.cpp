@@ -111,8 +111,10 @@ TEST_F(Shift, WhatIsDrawnBesideTheStageIsRefused) {
     return "";
   };
   EXPECT_EQ(refusal({on_it}, {on_it}), "");
-  EXPECT_THAT(refusal({on_it, beside}, {}), testing::StartsWith("an excluded region lies nowhere on the earlier stage; "
-                                                                "give its corners in metres of its projection frame"));
+  EXPECT_THAT(
+      refusal({on_it, beside}, {}),
+      testing::StartsWith("excluded region 2 of 2 lies nowhere on the earlier stage; give the regions again with "
+                          "exclude_regions, in metres of its projection frame"));
   EXPECT_THAT(refusal({}, {beside}), testing::StartsWith("the outline that was drawn of the brain covers 0 mm2 of the "
                                                          "earlier stage's surface; draw it again with set_outline"));
 }

@@ -43,23 +43,12 @@ TransformTree::Sample TransformTree::makeSample(const std::string& parent, const
 void TransformTree::addFixed(const std::string& parent, const std::string& child, const Eigen::Vector3d& translation,
                              const Eigen::Quaterniond& rotation, std::optional<double> when) {
   constexpr double kAtOnce = 0.3;  // [s] latched messages of several publishers come together
-  constexpr double kInTurn = 10;   // [s] one of two publishers says all of its edges again whenever it has another one
-  constexpr std::size_t kSaid = 20;
   Edge& edge = edges_[child];
   const Sample fixed = makeSample(parent, translation, rotation);
-  const auto earlier =
-      std::find_if(edge.said.begin(), edge.said.end(), [&](const Said& said) { return samePose(said.pose, fixed); });
-  if (!edge.fixed || !samePose(*edge.fixed, fixed)) {
-    const bool at_once = edge.fixed && when && edge.fixed_since && std::abs(*when - *edge.fixed_since) < kAtOnce;
-    const bool in_turn =
-        earlier != edge.said.end() && when && earlier->last && std::abs(*when - *earlier->last) < kInTurn;
-    edge.contradicted = at_once || in_turn;
-    edge.fixed = fixed;
-    edge.fixed_since = when;
-  }
-  if (earlier != edge.said.end()) edge.said.erase(earlier);
-  edge.said.push_back({fixed, when});
-  if (edge.said.size() > kSaid) edge.said.pop_front();
+  const bool another = edge.fixed && !samePose(*edge.fixed, fixed);
+  edge.contradicted = another && when && edge.fixed_since && std::abs(*when - *edge.fixed_since) < kAtOnce;
+  edge.fixed = fixed;
+  edge.fixed_since = when;
 }
 
 void TransformTree::addSample(const std::string& parent, const std::string& child, int64_t stamp_ns,
@@ -73,11 +62,7 @@ void TransformTree::addSample(const std::string& parent, const std::string& chil
 }
 
 void TransformTree::forgetSamples() {
-  for (auto& [child, edge] : edges_) {
-    edge.samples.clear();
-    edge.said.clear();  // times before and after are not of one clock
-    edge.fixed_since.reset();
-  }
+  for (auto& [child, edge] : edges_) edge.samples.clear();
 }
 
 const std::string* TransformTree::parentOf(const std::string& frame) const {
@@ -117,8 +102,8 @@ void TransformTree::refuseSecondSource(const std::string& child, const Edge& edg
   if (edge.contradicted)
     throw PoseError(Reason::kTwoSources, false,
                     "edge " + edgeName(edge.fixed->parent, child) +
-                        " came twice on /tf_static, with two poses at the same time or in turn: two sources for one "
-                        "frame; stop the one that is wrong, and start again what reads it");
+                        " came twice on /tf_static at the same time, with two poses: two sources for one frame; stop "
+                        "the one that is wrong");
   if (edge.samples.empty()) return;
   auto near = edge.samples.lower_bound(stamp_ns);
   if (near == edge.samples.end()) --near;

@@ -21,6 +21,8 @@ constexpr int kRows = 64;
 /// Values of one byte's worth are as rough both ways, and either reading gives the same picture.
 constexpr double kPlainlyRougher = 1.25;
 
+constexpr double kPicture = 0.7;  // as rough at most as this is what shows something: noise is 1
+
 uint16_t exchanged(uint16_t value) { return static_cast<uint16_t>(value << 8 | value >> 8); }
 
 }  // namespace
@@ -72,7 +74,7 @@ Roughness roughnessOf(const cv::Mat& image, const std::string& encoding) {
 
 void requireByteOrder(const cv::Mat& image, const std::string& encoding, const std::string& name) {
   const Roughness roughness = roughnessOf(image, encoding);
-  if (roughness.as_is > kPlainlyRougher * roughness.swapped)
+  if (roughness.as_is > kPlainlyRougher * roughness.swapped && roughness.swapped < kPicture)
     throw MessageError(name +
                        ": its 16-bit values are noise as they are, and a picture with their two bytes exchanged: the "
                        "bytes are in the other order than is_bigendian of the camera's image says; have its driver "

@@ -1,5 +1,6 @@
 #include "cortshift_stereo/ros/pose_lookup.hpp"
 
+#include <algorithm>
 #include <chrono>
 
 #include "cortshift_stereo/admission/rig_evidence.hpp"
@@ -24,7 +25,7 @@ void PoseLookup::add(const tf2_msgs::TFMessage& message, bool fixed) {
   const std::lock_guard<std::mutex> lock(mutex_);
   noticeClock();
   addTransforms(tree_, message, fixed, ros::Time::now());
-  if (!fixed)
+  if (!fixed && !last_now_.isZero())
     for (const geometry_msgs::TransformStamped& edge : message.transforms) {
       constexpr std::size_t kNewest = 20;
       std::deque<double>& lags = lags_[withoutSlash(edge.child_frame_id)];
@@ -70,9 +71,15 @@ Findings PoseLookup::judgeClock(const std::string& target, const std::string& so
                                 double lag) {
   const std::lock_guard<std::mutex> lock(mutex_);
   Findings found;
+  constexpr int64_t kWindow = 500000000;  // [ns] on either side
   for (const MovingEdge& edge :
-       tree_.movingEdges(withoutSlash(target), withoutSlash(source), static_cast<int64_t>(stamp.toNSec()), 0)) {
+       tree_.movingEdges(withoutSlash(target), withoutSlash(source), static_cast<int64_t>(stamp.toNSec()), kWindow)) {
     const auto known = lags_.find(edge.child);
+    // What never moves may be stamped with what time its publisher likes.
+    if (std::all_of(edge.samples.begin(), edge.samples.end(), [&edge](const EdgeSample& sample) {
+          return sample.T_parent_child.matrix() == edge.samples.front().T_parent_child.matrix();
+        }))
+      continue;
     if (known != lags_.end() && !known->second.empty())
       found.add(checkTrackerClock(edge.parent + " -> " + edge.child,
                                   std::vector<double>(known->second.begin(), known->second.end()), lag));

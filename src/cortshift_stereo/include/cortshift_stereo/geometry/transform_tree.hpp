@@ -3,7 +3,6 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
-#include <deque>
 #include <map>
 #include <optional>
 #include <stdexcept>
@@ -60,8 +59,8 @@ class TransformTree {
   /// @param history       [s] > 0: how long samples are kept behind the newest of their edge
   TransformTree(double max_pose_gap, double history);
 
-  /// T_parent_child that holds at all times; a later one replaces it. Two different ones at once, or one that returns
-  /// soon after another had replaced it, are two publishers, of which none is believed until another pose comes.
+  /// T_parent_child that holds at all times; a later one replaces it. Two different ones at once are two
+  /// publishers, of which none is believed until one has spoken again.
   /// @param when  [s] on any steady clock; nothing: not known
   /// `rotation` need not be normalised; beyond 0.1 % it is taken as broken.
   void addFixed(const std::string& parent, const std::string& child, const Eigen::Vector3d& translation,
@@ -92,14 +91,9 @@ class TransformTree {
     bool rigid;
     bool contradicted;  // another pose of this stamp came
   };
-  struct Said {
-    Sample pose;
-    std::optional<double> last;  // [s]
-  };
   struct Edge {
     std::optional<Sample> fixed;
     std::optional<double> fixed_since;  // [s]
-    std::deque<Said> said;              // each pose that was fixed, once
     bool contradicted = false;          // fixed is one of two
     std::map<int64_t, Sample> samples;
   };
