@@ -3,14 +3,18 @@ import json
 from types import SimpleNamespace
 
 import model_head as head
+import nibabel
 import numpy as np
 import pytest
+from cortshift_tracking.errors import VolumeError
 from cortshift_tracking.model import case_update
 from cortshift_tracking.model.brain import ModelError, load_model
 from cortshift_tracking.model.case_update import check_epochs, direction_of, epochs_of, write_update
 from cortshift_tracking.model.mesh import distance_to
 from cortshift_tracking.model.prepare import ModelSettings, check_mask, prepare_model, tissues_of
 from cortshift_tracking.model.warp import Warp, labels_now
+from cortshift_tracking.mr.admission import MrSource
+from cortshift_tracking.mr.marked import load_marked
 from cortshift_tracking.mr.volume import Volume
 
 
@@ -59,7 +63,7 @@ def test_a_stage_that_is_not_there_has_an_epoch_that_is_not_known():
     assert epochs_of(SimpleNamespace(from_key='pmr', to_key='before'), stages) == {'before': 2}
     model = SimpleNamespace(provenance={'epoch': 2})
     check_epochs(model, {'before': 2})
-    with pytest.raises(ModelError, match=r'epochs gone: not known, of the model: 2\)'):
+    with pytest.raises(ModelError, match=r'the epoch of gone is not known \(the stage is not in the case any more'):
         check_epochs(model, epochs_of(SimpleNamespace(from_key='pmr', to_key='gone'), stages))
 
 
@@ -105,3 +109,18 @@ def test_an_update_that_is_cut_short_leaves_no_summary_and_no_older_picture(tmp_
     with pytest.raises(OSError):
         write_update(updated, str(tmp_path))
     assert sorted(path.name for path in tmp_path.iterdir()) == ['labels_now.nii.gz', 'now_from_pmr.nrrd', 'pmr_from_now.nrrd', 'updated_mr.nii.gz']
+
+
+def test_parts_of_voxels_and_shades_of_grey_mark_nothing(tmp_path):
+    data = np.zeros((30, 30, 20), np.float32)
+    data[5:20, 5:20, 5:15] = np.linspace(0.01, 1, 10)
+    image = nibabel.Nifti1Image(data, np.diag([1, 1, 1, 1.0]))
+    image.header.set_xyzt_units('mm')
+    nibabel.save(image, tmp_path / 'soft.nii')
+    with pytest.raises(VolumeError, match=r'soft.nii: holds parts of voxels \(0.01 to 1: a probability, or a mask that was resampled\)'):
+        load_marked(MrSource(str(tmp_path / 'soft.nii')))
+    grey = nibabel.Nifti1Image(np.arange(18000, dtype=np.int16).reshape(30, 30, 20), np.diag([1, 1, 1, 1.0]))
+    grey.header.set_xyzt_units('mm')
+    nibabel.save(grey, tmp_path / 'grey.nii')
+    with pytest.raises(VolumeError, match=r'grey.nii: holds grey values \(1, 2, 3, 4, 5, 6 ...\); if all of it is one, write it as 0 and 1'):
+        load_marked(MrSource(str(tmp_path / 'grey.nii')), one_structure=True)

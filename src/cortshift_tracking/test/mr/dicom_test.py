@@ -39,11 +39,26 @@ def test_a_whole_series_is_read(tmp_path):
 @pytest.mark.parametrize('key, value', [
     ('EchoTime', 90.0), ('EchoTime', None), ('EchoNumbers', 2), ('ImageType', ['ORIGINAL', 'PRIMARY', 'P']), ('FlipAngle', 9.0),
     ('InversionTime', 900.0), ('TemporalPositionIdentifier', 2), ('PhotometricInterpretation', 'MONOCHROME1'), ('RescaleSlope', 2.0),
-    ('FrameOfReferenceUID', '1.2.3.4'), ('RepetitionTime', 3900.0), ('RepetitionTime', None), ('ComplexImageComponent', 'PHASE'),
-    ('SequenceName', '*tfl3d1'), ('ContrastBolusAgent', 'Gadovist'), ('PatientID', 'another'), ('Modality', None)])
+    ('FrameOfReferenceUID', '1.2.3.4'), ('RepetitionTime', 2000.0), ('ComplexImageComponent', 'PHASE'),
+    ('ContrastBolusAgent', 'Gadovist'), ('PatientID', 'another'), ('Modality', None)])
 def test_several_images_in_one_series_are_refused(tmp_path, key, value):
     with pytest.raises(VolumeError, match=rf'{key} differs within the series: .*\(00.dcm\) and .*\(03.dcm\); these are several images'):
         load_volume(series(tmp_path / 's', setting(key, value)))
+
+
+def test_two_sequences_in_one_series_are_refused_and_what_some_slices_leave_out_is_not(tmp_path):
+    def change(dataset, n):
+        dataset.SequenceName, dataset.ContrastBolusAgent = '*tfl3d1', ['GADOVIST', 'Gadovist '][n % 2]
+        if n == 2:
+            del dataset.SequenceName
+            dataset.RepetitionTime = None
+        elif n == 5 and two:
+            dataset.SequenceName = '*se2d1'
+    two = False
+    assert load_volume(series(tmp_path / 'one', change)).warnings == ()
+    two = True
+    with pytest.raises(VolumeError, match='SequenceName differs within the series'):
+        load_volume(series(tmp_path / 'two', change))
 
 
 def test_patients_are_told_apart_without_their_names(tmp_path):

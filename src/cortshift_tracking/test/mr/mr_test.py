@@ -245,7 +245,7 @@ def test_a_label_file_of_several_structures_is_refused(tmp_path):
     data = np.zeros((30, 30, 20), np.float32)
     data[3:9, 3:9, 3:9], data[12:19, 3:9, 3:9] = 4, 43
     source = MrSource(nifti(tmp_path / 'a.nii', OBLIQUE, data))
-    with pytest.raises(VolumeError, match=r'a.nii: numbers several structures \(4, 43\); give a file for each'):
+    with pytest.raises(VolumeError, match=r'a.nii: numbers several structures \(4, 43\); if all of it is one, write it as 0 and 1, else give'):
         load_marked(source, one_structure=True)
     assert load_marked(source).data.sum() == 6 ** 3 + 7 * 6 * 6   # a brain mask may
 

@@ -22,7 +22,8 @@ SAME_WORDS = ('ImageType', 'PhotometricInterpretation', 'Modality', 'FrameOfRefe
               'ContrastBolusAgent', 'PatientID')
 SAME_NUMBERS = ('EchoTime', 'EchoNumbers', 'InversionTime', 'FlipAngle', 'TemporalPositionIdentifier', 'DiffusionBValue')
 SAME_ABOUT = {'RepetitionTime': 0.1}  # as far as scanners round and time: the share by which numbers of one image may lie apart
-FREE = ('SequenceName', 'ContrastBolusAgent')  # typed by people or left out: case, blanks and absence tell nothing
+TYPED = ('ContrastBolusAgent',)  # by people: case and blanks tell nothing
+LEFT_OUT = ('SequenceName',)  # by some programs in some slices: absence tells nothing
 PRIVATE = ('PatientID',)  # never shown
 UNSAID = ('', 'OT')  # Modality where a program did not know better: may be an MR
 DECODED = ('1.2.840.10008.1.2.4.',)  # beginning of the syntaxes whose decoders give the stored bits alone
@@ -248,8 +249,8 @@ def _check_alike(path, members):
                 raise VolumeError(f'{path}: {key} of {slice_.name} differs from that of {first.name}: not one stack of parallel '
                                   'slices (a localiser or rotated projections?); choose another series')
     for key in SAME_WORDS:
-        told = [(' '.join(slice_.text(key).casefold().split()) if key in FREE else slice_.text(key), slice_.name) for slice_ in members]
-        _check_one_kind(path, key, [(text, name) for text, name in told if text or key not in FREE])
+        told = [(' '.join(slice_.text(key).casefold().split()) if key in TYPED else slice_.text(key), slice_.name) for slice_ in members]
+        _check_one_kind(path, key, [(text, name) for text, name in told if text or key not in LEFT_OUT])
     for key in SAME_NUMBERS:
         _check_one_kind(path, key, [(slice_.rounded(key), slice_.name) for slice_ in members])
     for key, share in SAME_ABOUT.items():
