@@ -158,6 +158,12 @@ class IgtlField(BridgeTest, unittest.TestCase):
         good = updated_mr_message(mr, [], SimpleNamespace(from_key='pmr', to_key='after', to_stamp=1700000002.0))
         publisher.publish(good)
         self.client.expect('UpdatedMr', since=1700000002.0)
+        taken_out = Structure('tumour', np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 4), int))
+        publisher.publish(updated_mr_message(mr, [taken_out], SimpleNamespace(from_key='pmr', to_key='resected', to_stamp=1700000003.0)))
+        self.assertEqual(len(self.client.expect('Now_tumour', since=1700000003.0).points), 0)
+        late = self.bridge.client()
+        self.addCleanup(late.stop)
+        self.assertEqual(len(late.expect('Now_tumour').points), 0)
 
     def test_late_client_gets_the_last_field(self):
         points = np.zeros((2, 2, 3))
