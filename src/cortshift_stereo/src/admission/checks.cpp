@@ -98,8 +98,8 @@ Check checkOf(CheckId id) {
                   number(PoseLimits::kRefusedJitter) + " times that warned of, beyond refused",
               "tracker_jitter", kRigDoors};
     case CheckId::kPoseRepeated:
-      return {"pose_repeated", "samples of a moving edge, bit by bit", "no return to an earlier sample; else refused",
-              "", kRigDoors};
+      return {"pose_repeated", "samples of a moving edge, bit by bit",
+              "no more of them as before in a row than its own rounding explains; else refused", "", kRigDoors};
     case CheckId::kPoseStuck:
       return {"pose_stuck", "poses that stay the same bit by bit, and the images meanwhile",
               "surroundings in the image that stand still as well; else refused", "", "reconstruction, process_bag"};

@@ -285,15 +285,17 @@ std::optional<cortshift_stereo::MicroscopeSetting> CaseRecording::referenceSetti
                     calibratedSince(kRight + kInfo, *pair.right_info, time));
     seen_stamp = seen;
   }
-  cortshift_msgs::MicroscopeSettingsConstPtr settings = settingsOf(seen_stamp, seen);
-  if (!settings) {  // the first that came
-    for (ros::Time from = seen; !settings && from < arrival; from = shifted(from, 60)) {
-      const auto entries = bag_.entries({kSettings}, from, shifted(from, 60));
-      if (!entries.empty()) settings = bag_.read<cortshift_msgs::MicroscopeSettings>(entries.front());
-    }
-  }
-  if (!settings) return std::nullopt;
-  return cortshift_stereo::MicroscopeSetting{settings->magnification, settings->focal_length};
+  const auto possible = [](const cortshift_msgs::MicroscopeSettingsConstPtr& settings) {
+    std::optional<cortshift_stereo::MicroscopeSetting> setting;
+    if (settings) setting = {settings->magnification, settings->focal_length};
+    return setting && setting->possible() ? setting : std::nullopt;
+  };
+  auto reference = possible(settingsOf(seen_stamp, seen));
+  // Else the first that came.
+  for (ros::Time from = seen; !reference && from < arrival; from = shifted(from, 60))
+    for (const BagEntry& entry : bag_.entries({kSettings}, from, shifted(from, 60)))
+      if (!reference) reference = possible(bag_.read<cortshift_msgs::MicroscopeSettings>(entry));
+  return reference;
 }
 
 cortshift_stereo::TransformTree CaseRecording::transforms(const ros::Time& from, const ros::Time& to,

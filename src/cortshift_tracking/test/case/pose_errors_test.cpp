@@ -8,6 +8,7 @@
 #include "case/stage_samples.hpp"
 #include "cortshift_stereo/ros/pose_source.hpp"
 #include "cortshift_tracking/case/stage_record.hpp"
+#include "cortshift_tracking/error.hpp"
 #include "cortshift_tracking/ros/parameters.hpp"
 #include "cortshift_tracking/ros/stage_shift.hpp"
 
@@ -48,6 +49,21 @@ double shareOf(const std::vector<PoseErrorShare>& shares, const std::string& sou
     if (share.source == source) return sdAt(share.covariance, Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero());
   ADD_FAILURE() << source << " is not in the budget";
   return NAN;
+}
+
+TEST(Stages, OneInAnotherFrameIsRefused) {
+  StageRecord record = sampleStage("elsewhere");
+  auto surface = boost::make_shared<sensor_msgs::PointCloud2>(*record.surface);
+  surface->header.frame_id = "/head_a";
+  record.surface = surface;
+  try {
+    completeStage(record, cortshift_stereo::PoseSource({}, {}), 0);
+    FAIL() << "accepted";
+  } catch (const TrackingError& error) {
+    EXPECT_STREQ(error.what(),
+                 "the surface is in the frame 'head_a', not pmr; a case is of one patient's pmr: leave "
+                 "surface_reconstruction's map_frame as it is");
+  }
 }
 
 TEST(PoseErrors, ALatencyCountsTimesTheSpeedAtTheCapture) {

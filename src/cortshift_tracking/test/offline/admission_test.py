@@ -97,6 +97,12 @@ def test_warned_of_in_everything_that_is_shown(shipped, tmp_path, name, text):
     assert text in validated
 
 
+def test_a_setting_that_is_none_is_not_the_reference(shipped, tmp_path):
+    status, said, result, warnings = process(faulty(shipped[0], 'setting_none_first'), tmp_path / 'case')
+    assert status == 0 and warnings == [], said
+    assert np.linalg.norm(result - shipped[1][2]) < 1e-6
+
+
 def test_capture_in_record_time_is_found_in_record_time(shipped, tmp_path):
     """3 s between record and stamp must not turn one stage into another."""
     ahead = [[topic, message, time + genpy.Duration(3)] for topic, message, time in copy.deepcopy(shipped[0])]

@@ -4,12 +4,17 @@ import os
 import re
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
+import rospy
 from cortshift_tracking.errors import CaseError, ProbeError
+from cortshift_tracking.probe.node import ProbeNode
 from cortshift_tracking.probe.points import ProbePoint, StillSettings, check_key, gravity_direction, still_point
 from cortshift_tracking.probe.store import FILE_NAME, ProbeStore, read_points
+from geometry_msgs.msg import TransformStamped
+from tf2_msgs.msg import TFMessage
 
 TIMES = np.arange(0, 1.0001, 0.05)
 PLACE = np.array([0.031, -0.042, 0.077])
@@ -194,3 +199,19 @@ def test_kill_at_any_instant_loses_no_acknowledged_point(tmp_path):
         points = read_points(tmp_path)
         assert len(points) > acknowledged  # one more than was acknowledged may be there, none less
         assert [p.label for p in points] == [f'p{n}' for n in range(len(points))]
+
+
+def test_stamps_of_the_run_before_are_forgotten():
+    """A replay that is started again: its stamps lie before those of the run that ended."""
+    node = ProbeNode.__new__(ProbeNode)   # without a master
+    node._values, node._stamps, node._arrival = {'tip_frame': 'probe_tip'}, [], threading.Condition()
+
+    def hear(*stamps):
+        for stamp in stamps:
+            tip = TransformStamped(child_frame_id='probe_tip')
+            tip.header.stamp = rospy.Time.from_sec(stamp)
+            node._note_tip(TFMessage([tip]))
+        return [round(stamp.to_sec(), 3) for stamp in node._stamps]
+
+    assert hear(100.0, 100.05, 100.04) == [100.0, 100.05, 100.04]   # one that comes late is no other run
+    assert hear(10.0, 10.05) == [10.0, 10.05]

@@ -81,6 +81,15 @@ def test_table_and_warnings(made, known):
     assert 'gravity is &lt;not&gt; known' in page and not left_out
 
 
+def test_what_was_taken_out_of_a_structure_is_said(tmp_path, known):
+    labels = {'tumour': {'value': 1, 'centre_shift_mm': None, 'centre_sd_mm': None, 'border_shift_mm': None, 'border_sd_mm': None, 'resected': 1.0},
+              'vessel': {**SUMMARY['labels']['tumour'], 'resected': 0.25}}
+    (tmp_path / UPDATE).mkdir(parents=True)
+    (tmp_path / UPDATE / 'summary.json').write_text(json.dumps({**SUMMARY, 'labels': labels}))
+    page, _ = shown(tmp_path, known)
+    assert '<td>tumour (resected)</td>' in page and '<td>vessel (25% resected)</td>' in page, page[:800]
+
+
 def test_the_difference_is_where_the_brain_has_sunk(made, known, monkeypatch):
     seen = []
     monkeypatch.setattr(updated_mr, 'picture', lambda figure, *texts: seen.append(figure) or '')

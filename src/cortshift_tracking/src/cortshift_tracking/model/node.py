@@ -46,13 +46,11 @@ def updated_mr_message(mr, structures, field):
     for values in np.moveaxis(mr.data, 2, 0):
         message.slices.append(Image(header=header, height=rows, width=columns, encoding='32FC1', step=4 * columns,
                                     data=np.ascontiguousarray(values.T, '<f4').tobytes()))
-    for structure in structures:
+    for structure in structures:   # one that was resected is empty, and takes the place of its border of before
         data = np.concatenate([structure.was, structure.now - structure.was], 1).astype('<f4')
         cloud = PointCloud2(header=header, height=1, width=len(data), point_step=4 * len(BORDER_FIELDS), row_step=4 * len(BORDER_FIELDS) * len(data),
                             data=data.tobytes(), is_dense=True)
         cloud.fields = [PointField(name, 4 * n, PointField.FLOAT32, 1) for n, name in enumerate(BORDER_FIELDS)]
-        if not len(structure.quads):   # resected: sent as empty, so that its border of before is not shown any more
-            cloud.data, cloud.width, cloud.row_step = b'', 0, 0
         message.labels.append(MovedLabel(name=structure.name, border=cloud, quads=structure.quads.ravel().tolist()))
     return message
 

@@ -48,7 +48,7 @@ def section(update, case, volume, left_out):
     summary = update.summary
     name = f'{summary["from_key"]} \u2192 {summary["to_key"]}'
     parts = [f'<h2>The MR brought up to date: {text(name)}</h2>']
-    rows = [[label, *(_or_nan(values.get(column)) for column in IN_SUMMARY)] for label, values in summary['labels'].items()]
+    rows = [[_named(label, values), *(_or_nan(values.get(column)) for column in IN_SUMMARY)] for label, values in summary['labels'].items()]
     if rows:
         parts.append(table('Shift of what lies below', HEADER, rows,
                            'Millimetres: of the structure\'s centre, and the mean over its border, each with the model\'s standard deviation.'))
@@ -64,10 +64,16 @@ def section(update, case, volume, left_out):
         at, says = np.nanmedian(case.stages[0].points.reshape(-1, 3), axis=0), ''
         labels = _of_now(update, 'labels_now.nii.gz', volume, left_out) if rows else None
         if labels is not None and (labels.data == 1).any():   # the first structure is what one looks for
-            at, says = labels.to_pmr(np.argwhere(labels.data == 1)).mean(0), f'; through {rows[0][0]}, structures as they are now in green'
+            at, says = labels.to_pmr(np.argwhere(labels.data == 1)).mean(0), f'; through {next(iter(summary["labels"]))}, structures as they are now in green'
         parts.append(picture(_before_after(volume, now, labels, at), f'MR before and after {name}',
                              f'Preoperative MR, brought up to date, and what differs{says}'))
     return '\n'.join(parts)
+
+
+def _named(label, values):
+    """A label, and what was taken out of it."""
+    gone = values.get('resected') or 0.0
+    return label if gone == 0 else f'{label} (resected)' if gone == 1 else f'{label} ({gone:.0%} resected)'
 
 
 def _or_nan(value):

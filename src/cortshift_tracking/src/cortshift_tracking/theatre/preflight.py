@@ -355,15 +355,15 @@ def preflight(site, now=None):
     """All findings. site: contents of the site's file. ValueError for a file that is no site file."""
     if not isinstance(site, dict):
         raise ValueError('it is not a dictionary of nodes')
-    given = section(site, 'preflight')
-    unknown = set(given) - set(Limits.__dataclass_fields__)
+    own = section(site, 'preflight')
+    unknown = set(own) - set(Limits.__dataclass_fields__)
     if unknown:
         raise ValueError(f'preflight/{sorted(unknown)[0]} is unknown; known are {", ".join(Limits.__dataclass_fields__)}')
-    for key, value in given.items():
+    for key, value in own.items():
         standard = getattr(Limits, key)
         if isinstance(value, bool) != isinstance(standard, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
             raise ValueError(f'preflight/{key} = {value!r} is not {"true or false" if isinstance(standard, bool) else "a number"}')
-    limits = Limits(**given)
+    limits = Limits(**own)
     driver, bridge = section(site, 'stereo_driver'), section(site, 'igtl_bridge')
     findings, size = check_calibration(driver, limits, now or time.time())
     for check, of, *arguments in (('cameras', check_cameras, driver, size), ('tracker', check_tracker, bridge)):

@@ -183,6 +183,17 @@ def setting_not_told(entries, _):
 
 
 @fault
+def setting_none_first(entries, _):
+    """A driver that says 0 and 0 until the microscope answers."""
+    first = next(n for n, entry in enumerate(entries) if entry[0] == '/microscope/settings')
+    none = copy.deepcopy(entries[first])
+    none[1].magnification = none[1].focal_length = 0.0
+    none[2] -= genpy.Duration(0, 1000)
+    none[1].header.stamp -= genpy.Duration(0, 1000)
+    return [*entries[:first], none, *entries[first:]]
+
+
+@fault
 def setting_not_calibrated(entries, random):
     for topic, message, time in entries:
         if topic == '/microscope/settings' and time.to_sec() > later_half(entries) - 2:
