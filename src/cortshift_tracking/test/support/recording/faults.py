@@ -184,13 +184,13 @@ def setting_not_told(entries, _):
 
 @fault
 def setting_none_first(entries, _):
-    """A driver that says 0 and 0 until the microscope answers."""
+    """A driver that says no numbers until the microscope answers, after the first pair."""
     first = next(n for n, entry in enumerate(entries) if entry[0] == '/microscope/settings')
-    none = copy.deepcopy(entries[first])
-    none[1].magnification = none[1].focal_length = 0.0
-    none[2] -= genpy.Duration(0, 1000)
-    none[1].header.stamp -= genpy.Duration(0, 1000)
-    return [*entries[:first], none, *entries[first:]]
+    topic, message, time = entries[first]
+    answer = copy.deepcopy(message)
+    message.magnification = message.focal_length = float('nan')
+    answer.header.stamp += genpy.Duration(4)
+    return sorted([*entries, [topic, answer, time + genpy.Duration(4)]], key=lambda entry: entry[2])
 
 
 @fault
